@@ -1,0 +1,264 @@
+"""Measurements, masks and videos in the files that the field uses.
+
+In memory planes come first: measurements (N, H, W), masks and videos (V, B, H, W). In MAT-files they come last,
+(H, W, K) or (H, W, B, V), but for the array ``pic``; in all other files first. A stack whose square frames say the
+opposite, as (256, 256, 8) does in an NPY file, is refused rather than guessed at.
+"""
+
+from __future__ import annotations
+
+import os
+import shutil
+from collections.abc import Iterator, Mapping
+from contextlib import contextmanager
+from pathlib import Path
+from typing import Any, NamedTuple
+from uuid import uuid4
+
+import numpy as np
+
+from . import _formats
+from .errors import FormatError, InputError, InputTypeError
+
+_NAMES = {
+    "measurement": ("meas", "y", "measurement"),
+    "masks": ("simu_mask", "mask", "masks"),
+    "video": ("patch_save", "orig", "pic", "x", "video", "truth"),
+}
+_DUAL_VIEW = ("simu_mask", "patch_save")  # the benchmark of the OFaNet paper: view 1, then view 2
+
+
+class Entry(NamedTuple):
+    """One array of a file, planes first: what :func:`describe` says of it."""
+
+    key: str
+    shape: tuple[int, ...]
+    dtype: str
+    meaning: str
+
+
+def read(path: str | Path, key: str | None = None) -> np.ndarray:
+    """An array from a file, with the values and the dtype that it is stored with, planes first.
+
+    Parameters
+    ----------
+    path : path
+        MAT (v5 and v7.3), NPY, NPZ, HDF5, TIFF (ImageJ's order), PNG, a folder of PNGs in the order of their numbers,
+        or a video (MP4, AVI, MOV, MKV, GIF; read as grey).
+    key : str, optional
+        Which array; needed where the file has several.
+
+    Raises
+    ------
+    FileNotFoundError
+        If there is no such file.
+    FormatError
+        If the file is damaged, or holds several arrays or none; the message lists what is there.
+    """
+    path = Path(path)
+    arrays = _formats.load(path)
+    return _chosen(path, arrays, list(arrays), key)[1]
+
+
+def read_measurement(path: str | Path, key: str | None = None) -> np.ndarray:
+    """A measurement (H, W), or several (N, H, W), from a file; see :func:`read`.
+
+    Without `key`, the array is ``meas``, ``y`` or ``measurement``, or the only one there is.
+    """
+    path = Path(path)
+    name, array = _find(path, "measurement", key)
+    if array.ndim not in (2, 3):
+        raise FormatError(f"{path}: {name} has shape {array.shape}, (N, H, W) or (H, W) was expected of a measurement")
+    return array
+
+
+def read_masks(path: str | Path, views: int | None = None, key: str | None = None) -> np.ndarray:
+    """Masks (V, B, H, W) from a file; see :func:`read`.
+
+    Parameters
+    ----------
+    path : path
+    views : int, optional
+        How many views share the planes of a 3-D array, one view after the other. Default: 2 for ``simu_mask``, else 1.
+    key : str, optional
+        Default: ``simu_mask``, ``mask`` or ``masks``, or the only array there is.
+
+    Raises
+    ------
+    FormatError
+        If the planes cannot be shared among the views; and as :func:`read`.
+    """
+    return _in_views(Path(path), *_find(Path(path), "masks", key), views)
+
+
+def read_video(path: str | Path, views: int | None = None, key: str | None = None) -> np.ndarray:
+    """A video (V, B, H, W) from a file; see :func:`read`.
+
+    Parameters
+    ----------
+    path : path
+    views : int, optional
+        How many views share the planes of a 3-D array, one view after the other. Default: 2 for ``patch_save``, else 1.
+    key : str, optional
+        Default: ``patch_save``, ``orig``, ``pic``, ``x``, ``video`` or ``truth``, or the only array there is.
+
+    Raises
+    ------
+    FormatError
+        If the planes cannot be shared among the views; and as :func:`read`.
+    """
+    return _in_views(Path(path), *_find(Path(path), "video", key), views)
+
+
+def describe(path: str | Path) -> list[Entry]:
+    """What a file holds: (key, shape with planes first, dtype, what it looks like) for each array."""
+    return [
+        Entry(key, array.shape, str(array.dtype), _meaning(key, array))
+        for key, array in _formats.load(Path(path)).items()
+    ]
+
+
+def write(path: str | Path, array: Any) -> None:
+    """Write an array, or a mapping of names to arrays, in the format of the path's suffix.
+
+    :func:`read` gives it back with its dtype and shape, except from the formats for looking at: MP4, AVI, GIF, PNG and
+    folders of PNGs (a path without suffix) are of 8 bits; floats are clipped to [0, 1] and scaled to 0..255 (PNG keeps
+    uint16 too). A mapping needs NPZ, HDF5 or MAT. A write that fails or is interrupted leaves nothing behind, and the
+    file that was there before as it was.
+
+    Examples
+    --------
+    >>> import numpy as np, tempfile
+    >>> with tempfile.TemporaryDirectory() as folder:
+    ...     write(folder + "/scene.npz", {"y": np.ones((4, 5)), "masks": np.ones((2, 3, 4, 5), bool)})
+    ...     read_masks(folder + "/scene.npz").shape
+    (2, 3, 4, 5)
+    """
+    named = array if isinstance(array, Mapping) else {_formats.ONLY: array}
+    arrays = {str(key): np.asarray(a) for key, a in named.items()}
+    for key, a in arrays.items():
+        if a.dtype.kind not in "biuf":
+            raise InputTypeError(f"{key} has dtype {a.dtype}: real numbers were expected")
+    with _replacing(Path(path)) as temporary:
+        _formats.save(temporary, arrays)
+
+
+def write_video(path: str | Path, frames: Any, fps: float = 10) -> None:
+    """Write frames (B, H, W) as MP4, AVI or GIF for looking at.
+
+    Parameters
+    ----------
+    path : path
+    frames : array_like, (B, H, W)
+        Floats are clipped to [0, 1] and scaled to 0..255; bool and uint8 are taken as they are.
+    fps : float
+        Frames per second, > 0.
+
+    Raises
+    ------
+    InputError, InputTypeError, FormatError
+        If frames, fps or the suffix cannot be.
+    """
+    path = Path(path)
+    if path.suffix.lower() not in _formats.VIDEO:
+        raise FormatError(
+            f"{path}: cannot write a video as {path.suffix}; known are {', '.join(sorted(_formats.VIDEO))}"
+        )
+    if not fps > 0:
+        raise InputError(f"fps is {fps}: a number > 0 was expected")
+    with _replacing(path) as temporary:
+        _formats.save_video(temporary, np.asarray(frames), fps)
+
+
+@contextmanager
+def _replacing(path: Path) -> Iterator[Path]:
+    """A temporary path beside `path` that takes its place if all goes well, and is removed if not."""
+    if not path.parent.is_dir():
+        raise FileNotFoundError(f"{path}: there is no folder {path.parent}")
+    if path.is_dir() and any(path.iterdir()):
+        raise FileExistsError(f"{path} is a folder that is not empty: remove it first")
+    temporary = path.with_name(f".{path.stem}-{uuid4().hex[:8]}{path.suffix}")
+    try:
+        yield temporary
+        os.replace(temporary, path)
+    except BaseException:
+        if temporary.is_dir():
+            shutil.rmtree(temporary, ignore_errors=True)
+        else:
+            temporary.unlink(missing_ok=True)
+        raise
+
+
+def _find(path: Path, kind: str, key: str | None) -> tuple[str, np.ndarray]:
+    """The array of this kind, its planes first beyond doubt."""
+    arrays = _formats.load(path)
+    others = {name for names in _NAMES.values() for name in names} - set(_NAMES[kind])
+    candidates = [name for name in _NAMES[kind] if name in arrays]
+    if not candidates and len(arrays) == 1:
+        candidates = [name for name in arrays if name not in others]
+    name, array = _chosen(path, arrays, candidates, key, kind)
+    if _doubtful(path, name, array.shape):
+        raise FormatError(
+            f"{path}: {name} has shape {array.shape} with planes first, but its square frames say that its axes are in "
+            "another order: write it again with planes last in a MAT-file, or first in any other"
+        )
+    return name, array
+
+
+def _chosen(
+    path: Path, arrays: Mapping[str, np.ndarray], candidates: list[str], key: str | None, kind: str = "array"
+) -> tuple[str, np.ndarray]:
+    there = ", ".join(f"{name} {array.shape}" for name, array in arrays.items()) or "no numeric array"
+    if key is not None:
+        if key not in arrays:
+            raise FormatError(f"{path}: key {key!r} is not in the file, which holds {there}")
+        return key, arrays[key]
+    if len(candidates) != 1:
+        problem = f"{' and '.join(candidates)} could each be the {kind}" if candidates else f"no {kind} was recognised"
+        raise FormatError(f"{path}: {problem}; the file holds {there}: name one by key")
+    return candidates[0], arrays[candidates[0]]
+
+
+def _doubtful(path: Path, name: str, shape: tuple[int, ...]) -> bool:
+    """Whether two equal axes, larger than the rest, are not those taken as rows and columns."""
+    in_mat = path.suffix.lower() in _formats.MAT and name not in _formats.PLANES_FIRST_IN_MAT
+    if not in_mat and path.suffix.lower() not in _formats.NUMPY_LIKE:
+        return False
+    if len(shape) == 4:
+        return shape[0] == shape[1] > max(shape[2:])
+    if len(shape) != 3:
+        return False
+    planes, rows, columns = shape
+    return planes == columns > rows if in_mat else planes == rows > columns
+
+
+def _in_views(path: Path, name: str, array: np.ndarray, views: int | None) -> np.ndarray:
+    """(V * B, H, W) -> (V, B, H, W)."""
+    if views is not None and views < 1:
+        raise InputError(f"views is {views}: a number >= 1 was expected")
+    if array.ndim == 4 and views in (None, len(array)):
+        return array
+    planes = array[None] if array.ndim == 2 else array
+    views = views or (2 if name in _DUAL_VIEW else 1)
+    if planes.ndim != 3 or len(planes) % views:
+        raise FormatError(
+            f"{path}: {name} has shape {array.shape} with planes first: (V, B, H, W), or planes for {views} views, "
+            "was expected"
+        )
+    return planes.reshape(views, -1, *planes.shape[1:])
+
+
+def _meaning(key: str, array: np.ndarray) -> str:
+    kind = next((kind for kind, names in _NAMES.items() if key in names), None)
+    if array.ndim not in (2, 3, 4) or min(array.shape[-2:]) < 2:
+        return "not a picture"
+    size = f"{array.shape[-2]} x {array.shape[-1]}"
+    if array.ndim == 4:
+        return f"{kind or 'frames'}: {array.shape[0]} views x {array.shape[1]} frames of {size}"
+    if array.ndim == 2:
+        return f"{kind or 'a measurement or a picture'}: {size}"
+    if kind == "measurement":
+        return f"{len(array)} measurements of {size}"
+    if key in _DUAL_VIEW:
+        return f"{kind}: 2 views x {len(array) // 2} frames of {size}"
+    return f"{kind or 'measurements, masks or frames'}: {len(array)} planes of {size}"

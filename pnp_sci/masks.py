@@ -1,0 +1,244 @@
+"""Coding masks: make them, and say in plain words how well they code."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from .errors import InputError
+from .operator import as_masks
+
+_SEPARABLE_FROM = (
+    0.01  # smallest eigenvalue of the views' Gram matrix: below, noise grows more than 1/sqrt(0.01) = 10 x
+)
+_CORRELATED_FROM = 0.5  # half of one mask's pattern is in the other: worth a sentence
+
+
+def random_masks(shape: tuple[int, int, int, int], density: float = 0.5, seed: int = 0) -> np.ndarray:
+    """Independent random binary masks.
+
+    Parameters
+    ----------
+    shape : tuple
+        (V, B, H, W): views, frames, rows, columns, each at least 1.
+    density : float
+        Probability that an element is open, in [0, 1].
+    seed : int
+
+    Returns
+    -------
+    ndarray of bool, (V, B, H, W)
+
+    Raises
+    ------
+    InputError
+        If `shape` or `density` cannot be.
+
+    Examples
+    --------
+    >>> float(random_masks((2, 8, 32, 32)).mean().round(1))
+    0.5
+    """
+    views, frames, rows, columns = _checked(shape, density)
+    return np.random.default_rng(seed).random((views, frames, rows, columns), np.float32) < density
+
+
+def moving_masks(
+    shape: tuple[int, int, int, int],
+    density: float = 0.5,
+    step: tuple[int, int] = (1, -1),
+    view_shift: tuple[int, int] = (15, -18),
+    seed: int = 0,
+) -> np.ndarray:
+    """One random binary pattern moved before the camera, as a mask on a translation stage makes it.
+
+    The mask of view v and frame b is the pattern moved by ``b * step + v * view_shift``. The pattern is larger than the
+    frame, so that new elements come in where others leave. The defaults are the movement of the dual-view benchmark's
+    masks (Lu et al., OFaNet).
+
+    Parameters
+    ----------
+    shape : tuple
+        (V, B, H, W): views, frames, rows, columns, each at least 1.
+    density : float
+        Probability that an element is open, in [0, 1].
+    step, view_shift : tuple of int
+        Movement in (rows, columns) from one frame, or one view, to the next.
+    seed : int
+
+    Returns
+    -------
+    ndarray of bool, (V, B, H, W)
+
+    Raises
+    ------
+    InputError
+        If `shape` or `density` cannot be.
+
+    Examples
+    --------
+    >>> masks = moving_masks((2, 8, 32, 32))
+    >>> bool((masks[0, 1, 1:, :-1] == masks[0, 0, :-1, 1:]).all())
+    True
+    """
+    views, frames, rows, columns = _checked(shape, density)
+    moves = np.arange(views)[:, None, None] * view_shift + np.arange(frames)[:, None] * step
+    origin = moves.max((0, 1)) - moves
+    extent = origin.max((0, 1)) + np.array([rows, columns])
+    pattern = np.random.default_rng(seed).random(tuple(extent), np.float32) < density
+    masks = np.empty((views, frames, rows, columns), bool)
+    for v, b in np.ndindex(views, frames):
+        top, left = origin[v, b]
+        masks[v, b] = pattern[top : top + rows, left : left + columns]
+    return masks
+
+
+@dataclass(frozen=True)
+class MaskCondition:
+    """How well masks code, as measured by :func:`condition`. ``str()`` of it is a report.
+
+    Attributes
+    ----------
+    shape : tuple
+        (V, B, H, W)
+    dtype : str
+        As the masks came.
+    levels : int
+        Number of distinct values; 2 for binary masks.
+    minimum, maximum : float
+        Range of the values.
+    density : float
+        Mean value over the largest magnitude: the fraction of the light that passes.
+    closed : tuple of float
+        For each view, the fraction of pixels that all its masks keep dark (the values there are all 0).
+    closed_in_all : float
+        The fraction of pixels dark in all views: the measurement says nothing there.
+    gram_min, gram_max : float
+        Range over pixels of ``sum(masks**2)``, the diagonal of Phi Phi^T.
+    view_correlation : float
+        Largest magnitude of the correlation between the mask stacks of two views, each less its mean; 0 for one view.
+    frame_correlation : float
+        The same between two frames of one view; 1 where two frames have the same mask, 0 for one frame.
+    separable : bool
+        Whether the views can be told apart: whether no view is dark, or near a combination of the others (smallest
+        eigenvalue of the matrix of cosines between their mask stacks at least 0.01, a tenfold growth of noise).
+    """
+
+    shape: tuple[int, int, int, int]
+    dtype: str
+    levels: int
+    minimum: float
+    maximum: float
+    density: float
+    closed: tuple[float, ...]
+    closed_in_all: float
+    gram_min: float
+    gram_max: float
+    view_correlation: float
+    frame_correlation: float
+    separable: bool
+
+    @property
+    def warnings(self) -> tuple[str, ...]:
+        """What may go wrong with these masks, a sentence each; empty if nothing."""
+        concerns = {
+            f"{self.closed_in_all:.1%} of the pixels are closed in all views: there nothing is measured.": (
+                self.closed_in_all > 0
+            ),
+            "The views cannot be told apart: their masks are too much alike, or those of one view are all closed.": (
+                self.shape[0] > 1 and not self.separable
+            ),
+            f"Masks of two views have correlation {self.view_correlation:.2f}: expect one view to show in the other.": (
+                self.separable and self.view_correlation > _CORRELATED_FROM
+            ),
+            f"Masks of two frames have correlation {self.frame_correlation:.2f}: expect motion between them to blur.": (
+                self.frame_correlation > _CORRELATED_FROM
+            ),
+            "All masks are the same and uniform: nothing is coded.": self.levels == 1,
+            "Some values are negative: no camera makes such masks without subtracting two pictures.": self.minimum < 0,
+        }
+        return tuple(sentence for sentence, holds in concerns.items() if holds)
+
+    def __str__(self) -> str:
+        views, frames, rows, columns = self.shape
+        kind = "binary" if self.levels <= 2 else f"{self.levels} levels"
+        closed = ", ".join(f"{fraction:.2%}" for fraction in self.closed)
+        lines = [
+            f"Masks: {views} views x {frames} frames of {rows} x {columns}, {self.dtype}, {kind} "
+            f"from {self.minimum:g} to {self.maximum:g}",
+            f"Light that passes: {self.density:.1%}",
+            f"Closed pixels: {closed} by view; {self.closed_in_all:.2%} in all views",
+            f"Gram (sum of squared masks): {self.gram_min:g} to {self.gram_max:g}",
+            f"Correlation between frames: {self.frame_correlation:.3f}",
+        ]
+        if views > 1:
+            lines.append(
+                f"Correlation between views: {self.view_correlation:.3f}; the views "
+                f"{'can' if self.separable else 'cannot'} be told apart"
+            )
+        return "\n".join(lines + [f"Warning: {sentence}" for sentence in self.warnings])
+
+
+def condition(masks: Any) -> MaskCondition:
+    """Measure how well masks code.
+
+    Parameters
+    ----------
+    masks : array_like, (V, B, H, W) or (B, H, W)
+        Any finite real values.
+
+    Raises
+    ------
+    InputError, InputTypeError
+        If masks are not (V, B, H, W) finite real numbers.
+
+    Examples
+    --------
+    >>> print(condition(random_masks((2, 1, 32, 32))).warnings[0])
+    27.0% of the pixels are closed in all views: there nothing is measured.
+    """
+    checked = as_masks(masks)
+    largest = max(abs(float(checked.min())), abs(float(checked.max())))
+    scaled = checked.astype(np.float64) / (largest or 1)
+    gram = np.einsum("vbhw,vbhw->hw", scaled, scaled) * largest**2
+    open_ = checked.any(axis=1)
+    centred = scaled - scaled.mean((1, 2, 3), keepdims=True)
+    between_frames = [_correlations(view - view.mean((1, 2), keepdims=True)) for view in scaled]
+    return MaskCondition(
+        shape=checked.shape,  # type: ignore[arg-type]
+        dtype=str(np.asarray(masks).dtype),
+        levels=np.unique(checked).size,
+        minimum=float(checked.min()),
+        maximum=float(checked.max()),
+        density=float(scaled.mean()),
+        closed=tuple(float(x) for x in 1 - open_.mean((1, 2))),
+        closed_in_all=float(1 - open_.any(0).mean()),
+        gram_min=float(gram.min()),
+        gram_max=float(gram.max()),
+        view_correlation=_largest_off_diagonal(_correlations(centred)),
+        frame_correlation=max(_largest_off_diagonal(matrix) for matrix in between_frames),
+        separable=bool(np.linalg.eigvalsh(_correlations(scaled))[0] >= _SEPARABLE_FROM),
+    )
+
+
+def _correlations(stacks: np.ndarray) -> np.ndarray:
+    """Cosines between the entries of the first axis, (n, n); rows of entries that are all but 0 are 0."""
+    flat = stacks.reshape(len(stacks), -1)
+    products = flat @ flat.T
+    norms = np.sqrt(np.diagonal(products))
+    norms = np.where(norms > 1e-12 * flat.shape[1] ** 0.5, norms, np.inf)
+    return products / norms[:, None] / norms
+
+
+def _largest_off_diagonal(matrix: np.ndarray) -> float:
+    return float(np.abs(matrix - np.diag(np.diagonal(matrix))).max())
+
+
+def _checked(shape: tuple[int, ...], density: float) -> tuple[int, ...]:
+    if len(shape) != 4 or min(shape) < 1:
+        raise InputError(f"shape is {tuple(shape)}: (views, frames, rows, columns) was expected, each at least 1")
+    if not 0 <= density <= 1:
+        raise InputError(f"density is {density}: a number in [0, 1] was expected")
+    return shape

@@ -1,0 +1,70 @@
+"""What a camera would measure."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from .errors import InputError
+from .io import read_video
+from .operator import SensingOperator, require_finite
+
+
+def simulate(
+    video: Any, masks: Any, noise: float = 0.0, seed: int = 0, bits: int | None = None, peak: float | None = None
+) -> np.ndarray:
+    """The measurement of a video through masks, with the noise and the grey levels of a camera.
+
+    ``y = Phi x``, then ``y + noise * peak * n`` with n standard normal, the noise protocol of the OFaNet paper; then,
+    if `bits` is given, y is clipped to [0, peak] and rounded to 2**bits levels.
+
+    Parameters
+    ----------
+    video : array_like, (V, B, H, W) or (B, H, W), or a path
+        In any units: the measurement has the same. From a file, its planes are shared among the views of `masks`.
+    masks : array_like, (V, B, H, W) or (B, H, W)
+    noise : float
+        Standard deviation of the noise, relative to `peak`; >= 0.
+    seed : int
+        Of the noise.
+    bits : int, optional
+        Of the camera, 1 to 32; no rounding by default.
+    peak : float, optional
+        Full scale of the camera, in units of the measurement; > 0. Default: the largest value of the clean measurement.
+
+    Returns
+    -------
+    ndarray of float32 or float64, (H, W)
+
+    Raises
+    ------
+    InputError, InputTypeError
+        If `video` and `masks` differ in shape, or a number is out of its range.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> float(simulate(np.ones((2, 3, 4, 5)), np.ones((2, 3, 4, 5)), bits=8).max())
+    6.0
+    """
+    if not noise >= 0:
+        raise InputError(f"noise is {noise}: a number >= 0 was expected")
+    if bits is not None and bits not in range(1, 33):
+        raise InputError(f"bits is {bits}: a whole number from 1 to 32 was expected")
+    if peak is not None and not peak > 0:
+        raise InputError(f"peak is {peak}: a number > 0 was expected")
+    op = SensingOperator(masks)
+    x = read_video(video, views=op.shape[0]) if isinstance(video, (str, Path)) else np.asarray(video)
+    x = x[None] if x.ndim == 3 else x
+    if x.shape != op.shape:
+        raise InputError(f"video has shape {x.shape}, but masks {op.shape}: the same was expected")
+    require_finite("video", x)
+    y = op.forward(x)
+    full_scale = float(y.max()) if peak is None else peak
+    y += (noise * full_scale * np.random.default_rng(seed).standard_normal(y.shape)).astype(y.dtype)
+    if bits is None or full_scale <= 0:
+        return y
+    step = full_scale / (2**bits - 1)
+    return (np.round(np.clip(y, 0, full_scale).astype(np.float64) / step) * step).astype(y.dtype)
