@@ -1,0 +1,140 @@
+"""The one loop for all solvers, and the guard that ends it."""
+
+from __future__ import annotations
+
+import inspect
+import time
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass
+
+import numpy as np
+
+from .compose import reset
+from .operator import SensingOperator
+from .protocols import Denoiser
+from .result import Record, Status
+from .schedule import schedule_for
+from .solvers import ALGORITHMS, State, start
+
+EXPLODED = 10.0  # relative residual that no useful iterate has: x = 0 has 1
+PLATEAU = 5  # iterations in a row that must be below the tolerance
+
+
+def iterate(
+    op: SensingOperator,
+    y: np.ndarray,
+    denoiser: Denoiser,
+    x: np.ndarray,
+    *,
+    algorithm: str = "gap",
+    noise: float = 0.0,
+    sigma: float | None = None,
+) -> Iterator[State]:
+    """The iterates of a solver, without end: take as many as you like.
+
+    Parameters
+    ----------
+    op : SensingOperator
+    y : ndarray, (H, W)
+        In units where x spans about [0, 1].
+    denoiser : Denoiser
+        Called ``denoiser(x, sigma)``; its memory is reset first.
+    x : ndarray, (V, B, H, W)
+        The first estimate.
+    algorithm : "gap", "plain-gap" or "admm"
+    noise : float
+        Standard deviation of the noise of y; sets how far the data are trusted, see :mod:`pnp_sci.schedule`.
+    sigma : float, optional
+        What the denoiser is called with; by default a rule decides.
+
+    Yields
+    ------
+    State
+        First the state before iteration 1, then one per iteration; none is changed later.
+
+    Examples
+    --------
+    >>> import itertools
+    >>> import numpy as np, pnp_sci
+    >>> op = pnp_sci.SensingOperator(np.ones((1, 2, 8, 8)))
+    >>> states = iterate(op, np.ones((8, 8)), lambda x, sigma: x, np.zeros((1, 2, 8, 8)))
+    >>> [float(abs(s.residual).max()) for s in itertools.islice(states, 2)]
+    [1.0, 0.0]
+    """
+    step = ALGORITHMS[algorithm]
+    plan = schedule_for(op, noise, sigma)
+    denoise = _in_place(denoiser)
+    reset(denoiser)
+    state = start(op, y, x)
+    while True:
+        yield state
+        state = step(op, y, denoise, state, plan.sigma, plan.rho)
+
+
+def _in_place(denoiser: Denoiser) -> Denoiser:
+    """The solver's own v is free to be overwritten: a denoiser that takes ``out`` need not allocate."""
+    try:
+        takes_out = "out" in inspect.signature(denoiser).parameters
+    except (TypeError, ValueError):  # some builtins tell nothing of themselves
+        return denoiser
+    return (lambda v, sigma: denoiser(v, sigma, out=v)) if takes_out else denoiser  # type: ignore[call-arg]
+
+
+@dataclass(frozen=True)
+class Limits:
+    """When to stop: after so many iterations, at so small a change, at a moment of ``time.perf_counter``."""
+
+    iterations: int
+    tol: float
+    deadline: float | None = None
+
+
+def run(
+    states: Iterator[State],
+    y: np.ndarray,
+    limits: Limits,
+    observe: Callable[[State, Record], bool],
+    psnr: Callable[[np.ndarray], float] | None = None,
+) -> tuple[State, Status, list[Record]]:
+    """Take states until a limit is met, the observer asks to stop, or the guard sees a failure.
+
+    The guard returns the last iterate before the residual left the range of useful ones for good, or the last finite
+    one. Time spent in `psnr` and `observe` is not counted.
+    """
+    norm = float(np.linalg.norm(y)) or 1.0
+    begin, aside = time.perf_counter(), 0.0
+    records: list[Record] = []
+    good, before, quiet, slowest = None, None, 0, 0.0
+    for state in states:
+        now = time.perf_counter()
+        if not _finite(state):
+            return good or state, Status.NOT_FINITE, records
+        relative = float(np.linalg.norm(state.residual)) / norm
+        if relative > EXPLODED:
+            return good or state, Status.DIVERGED, records
+        if good is None or relative <= 1.0:
+            good = state
+        seconds = now - begin - aside
+        slowest = max(slowest, seconds - records[-1].seconds) if records else 0.0
+        record = Record(state.iteration, seconds, relative, state.sigma, psnr(state.x) if psnr else None)
+        records.append(record)
+        stop = observe(state, record)
+        aside += time.perf_counter() - now
+        if stop:
+            return state, Status.STOPPED, records
+        if before is not None:
+            change = float(np.linalg.norm(state.residual - before)) / norm
+            quiet = quiet + 1 if change < limits.tol else 0
+            if quiet >= PLATEAU:
+                return state, Status.CONVERGED, records
+        if state.iteration >= limits.iterations:
+            return state, Status.ITERATIONS, records
+        if limits.deadline is not None and time.perf_counter() + slowest > limits.deadline:
+            return state, Status.TIME_BUDGET, records
+        before = state.residual
+    raise AssertionError("iterate() has no end")
+
+
+def _finite(state: State) -> bool:
+    flat = state.x.reshape(-1)
+    return bool(np.isfinite(np.dot(flat, flat))) and bool(np.isfinite(state.residual).all())

@@ -1,0 +1,99 @@
+"""A measurement made ready for the solver: checked, and scaled so that the video spans about [0, 1]."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from .errors import InputError, InputTypeError
+from .noise import estimate_noise
+from .operator import SensingOperator, as_masks, require_finite
+
+
+@dataclass(frozen=True, eq=False)
+class Problem:
+    """What the solver sees of a measurement.
+
+    Attributes
+    ----------
+    op : SensingOperator
+    y : ndarray, (H, W)
+        In units where x spans about [0, 1].
+    unit : float
+        The value of x in the user's units that is 1 here.
+    noise : float
+        Standard deviation of the noise of y, in the units of `y` here.
+    """
+
+    op: SensingOperator
+    y: np.ndarray
+    unit: float
+    noise: float
+
+
+def check_measurement(y: Any) -> np.ndarray:
+    """y as a native array (N, H, W) of finite real numbers; raises InputError or InputTypeError naming y."""
+    array = np.asarray(y)
+    if array.dtype.kind not in "biuf":
+        raise InputTypeError(f"y has dtype {array.dtype}: real numbers were expected")
+    if array.ndim not in (2, 3) or array.size == 0:
+        raise InputError(f"y has shape {array.shape}: (rows, columns) or (measurements, rows, columns) was expected")
+    require_finite("y", array)
+    return array if array.ndim == 3 else array[None]
+
+
+def check_operator(masks: Any, y: np.ndarray) -> tuple[SensingOperator, float]:
+    """The operator of these masks divided by their largest magnitude, and that magnitude (1 for one-byte masks)."""
+    dtype = np.dtype(np.float64 if y.dtype == np.float64 else np.float32)
+    if isinstance(masks, SensingOperator):
+        masks = masks.masks
+    masks = as_masks(masks)
+    if masks.shape[2:] != y.shape[1:]:
+        views, frames, rows, columns = masks.shape
+        raise InputError(
+            f"masks has {views} x {frames} frames of {rows} x {columns}, but y is {y.shape[1]} x {y.shape[2]}: "
+            "the last two dimensions must agree"
+        )
+    largest = 1.0 if masks.dtype == np.uint8 else float(max(-masks.min(), masks.max())) or 1.0
+    if largest != 1.0:
+        masks = masks / masks.dtype.type(largest)
+    return SensingOperator(masks, dtype), largest
+
+
+def pose(op: SensingOperator, largest: float, y: np.ndarray, noise: float | str) -> Problem:
+    """The problem for one measurement (H, W).
+
+    The unit is the one in which y has the energy that it has on average over videos with mean 1/2 and standard
+    deviation 1/4 in every pixel: ``mean(y^2) = mean(S^2 / 4 + gram / 16)``, where S is the sum of the masks.
+    """
+    height = float(np.abs(y).max()) or 1.0
+    y = y.astype(np.float64) / height
+    sigma = estimate_noise(op, y) if noise == "auto" else float(noise) / height
+    total = op.masks.sum((0, 1), dtype=np.float64)
+    expected = float(np.mean(total**2 / 4 + op.gram.astype(np.float64) / 16))
+    energy = max(float(np.mean(y**2)) - sigma**2, 0.01 * float(np.mean(y**2)))
+    unit = float(np.sqrt(energy / expected)) if energy > 0 and expected > 0 else 1.0
+    return Problem(op, (y / unit).astype(op.dtype), unit * height / largest, sigma / unit)
+
+
+def check_noise(noise: Any) -> float | str:
+    """Noise as "auto" or a number >= 0."""
+    if isinstance(noise, str) and noise == "auto":
+        return "auto"
+    if isinstance(noise, (int, float, np.number)) and 0 <= noise < np.inf:
+        return float(noise)
+    raise InputError(f'noise is {noise!r}: "auto" or a standard deviation >= 0 in the units of y was expected')
+
+
+def level(op: SensingOperator, y: np.ndarray) -> np.ndarray:
+    """The start called "adjoint": y shared out so that a uniform scene comes out as it is.
+
+    Every frame of every view gets ``S y / (S^2 + gram / 4)``, S the sum of the masks: the best guess of a level common
+    to all of them. It is Phi^T y, averaged over views and frames, with weights that undo the masks.
+    """
+    total = op.masks.sum((0, 1), dtype=op.dtype)
+    below = total**2 + op.gram / 4
+    common = np.divide(total * y, below, out=np.zeros_like(y), where=below > 0)
+    return np.broadcast_to(common, op.shape).copy()

@@ -1,0 +1,26 @@
+"""Alternating direction method of multipliers."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from ..operator import SensingOperator
+from ..protocols import Denoiser
+from .state import State
+
+
+def admm_step(
+    op: SensingOperator, y: np.ndarray, denoise: Denoiser, state: State, sigma: float, rho: float = 0.0
+) -> State:
+    """One iteration of plug-and-play ADMM in scaled form.
+
+    ``z <- argmin ||y - Phi z||^2 + rho ||z - (x - u)||^2;  x <- D_sigma(z + u);  u <- u + z - x``
+
+    (Chan, Wang & Elgendy 2017; for SCI Yuan et al. 2020.) With ``rho = 0`` the first step is the projection onto
+    ``Phi z = y``. Keeps a dual video u in `State.dual`, where GAP keeps one picture.
+    """
+    dual = state.dual if state.dual.ndim == 4 else np.zeros_like(state.x)
+    v = op.project(state.x - dual, y, rho)
+    v += dual
+    x = denoise(v.copy(), sigma)
+    return State(state.iteration + 1, x, y - op.forward(x), v - x, sigma)

@@ -1,0 +1,48 @@
+"""Where a solver stands, and what a step of a solver is."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Protocol
+
+import numpy as np
+
+from ..operator import SensingOperator
+from ..protocols import Denoiser
+
+
+@dataclass(frozen=True, eq=False)
+class State:
+    """Where the solver stands.
+
+    Attributes
+    ----------
+    iteration : int
+    x : ndarray, (V, B, H, W)
+        The estimate, in units where it spans about [0, 1].
+    residual : ndarray, (H, W)
+        ``y - Phi x``.
+    dual : ndarray, (H, W) or (V, B, H, W)
+        What the solver has accumulated: GAP a multiplier per pixel of y, ADMM one per pixel of x.
+    sigma : float
+        What the denoiser was called with to get x; NaN for the first estimate.
+    """
+
+    iteration: int
+    x: np.ndarray
+    residual: np.ndarray
+    dual: np.ndarray
+    sigma: float = float("nan")
+
+
+class Step(Protocol):
+    """One iteration: ``step(op, y, denoise, state, sigma, rho) -> State``; the state that came in stays as it is."""
+
+    def __call__(
+        self, op: SensingOperator, y: np.ndarray, denoise: Denoiser, state: State, sigma: float, rho: float
+    ) -> State: ...
+
+
+def start(op: SensingOperator, y: np.ndarray, x: np.ndarray) -> State:
+    """The state before the first iteration, from a first estimate x."""
+    return State(0, x, y - op.forward(x), np.zeros_like(y))

@@ -1,0 +1,64 @@
+"""Running a network on numpy arrays: precision, device, and pieces that fit into memory."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from pathlib import Path
+
+import numpy as np
+import torch
+
+from pnp_sci.errors import InputError
+
+from . import _weights
+
+PIXELS = 2**24  # of one pass, margins included: about 3 GB of activations in bfloat16
+MARGIN = 4  # frames either side of a piece: the two of the first layer's window, and two for the blocks' exchange
+
+
+def pieces(frames: int, most: int) -> Iterator[tuple[slice, slice]]:
+    """Cut a clip into runs of at most `most` frames, margins included: what a pass sees, and what it is kept for.
+
+    >>> [(seen.start, seen.stop, kept.start, kept.stop) for seen, kept in pieces(30, 20)]
+    [(0, 16, 0, 12), (8, 28, 12, 24), (20, 30, 24, 30)]
+    """
+    step = frames if frames <= most else max(most - 2 * MARGIN, 1)
+    for start in range(0, frames, step):
+        stop = min(start + step, frames)
+        yield slice(max(start - MARGIN, 0), min(stop + MARGIN, frames)), slice(start, stop)
+
+
+def half_precision(device: torch.device) -> bool:
+    """Whether `device` multiplies bfloat16 natively; where it must be emulated, float32 is quicker."""
+    if device.type == "cuda":
+        return torch.cuda.is_bf16_supported(including_emulation=False)
+    native = ("_is_avx512_bf16_supported", "_is_amx_tile_supported")  # private, and absent from some versions of torch
+    return device.type == "cpu" and any(getattr(torch.cpu, name, bool)() for name in native)
+
+
+class Runner:
+    """A network on its device, called with numpy arrays."""
+
+    def __init__(self, path: Path, name: str, device: str | None):
+        try:
+            self.device = torch.device(device or "cpu")
+            torch.empty(0, device=self.device)
+        except (RuntimeError, AssertionError) as error:
+            raise InputError(f"device: {device!r} cannot be used here: {str(error).splitlines()[0]}") from error
+        network, self.sha256 = _weights.load(path, name)
+        self.network = network.to(self.device)
+        self.half = half_precision(self.device)
+
+    def noise(self, x: np.ndarray, sigma: float) -> np.ndarray:
+        """Estimate the noise in x (V, B, H, W) float32; returns float32 of the same shape."""
+        views, frames, height, width = x.shape
+        out = np.empty(x.shape, np.float32)
+        together = max(1, min(views, PIXELS // (frames * height * width)))
+        with torch.inference_mode(), torch.autocast(self.device.type, torch.bfloat16, enabled=self.half):
+            for first in range(0, views, together):
+                group = slice(first, first + together)
+                for seen, kept in pieces(frames, PIXELS // (height * width)):
+                    part = torch.from_numpy(x[group, seen]).to(self.device)
+                    noise = self.network(part, torch.full((len(part),), sigma, device=self.device))
+                    out[group, kept] = noise[:, kept.start - seen.start :][:, : kept.stop - kept.start].cpu().numpy()
+        return out

@@ -1,0 +1,76 @@
+"""What the learned priors share. Torch is imported, and the weights are read, at the first call."""
+
+from __future__ import annotations
+
+import math
+from functools import cached_property
+from pathlib import Path
+from typing import TYPE_CHECKING, ClassVar
+
+import numpy as np
+
+from pnp_sci.errors import InputError, InputTypeError
+
+if TYPE_CHECKING:
+    from ._inference import Runner
+
+
+class Learned:
+    """Denoiser ``x - noise(x, sigma)`` by a network of this package; see :class:`FFDNet` and :class:`VideoDenoiser`."""
+
+    name: ClassVar[str]
+
+    def __init__(self, weights: str | Path | None = None, device: str | None = None):
+        self.weights = Path(weights or Path(__file__).parent / "weights" / f"{self.name}.safetensors")
+        self.device = device
+
+    def __repr__(self) -> str:
+        return f"{type(self).__name__}(weights={self.weights.name!r}, device={self.device!r})"
+
+    @cached_property
+    def _runner(self) -> Runner:
+        try:
+            from ._inference import Runner
+        except ImportError as error:
+            raise ImportError(
+                f"the prior '{self.name}' needs torch and safetensors: pip install 'pnp-sci[learned]'"
+            ) from error
+        return Runner(self.weights, self.name, self.device)
+
+    @property
+    def sha256(self) -> str:
+        """Hash of the values of the weights, 64 hexadecimal digits."""
+        return self._runner.sha256
+
+    def __call__(self, x: np.ndarray, sigma: float) -> np.ndarray:
+        """Denoise.
+
+        Parameters
+        ----------
+        x : ndarray, shape (V, B, H, W)
+            Views, frames, rows, columns; values about [0, 1], float32 or float64. Any sizes of at least 1.
+        sigma : float
+            Standard deviation of the noise in the same units, >= 0. No pixel moves by more than six times that.
+
+        Returns
+        -------
+        ndarray, shape (V, B, H, W)
+            A new array of x's dtype.
+
+        Raises
+        ------
+        pnp_sci.errors.InputError
+            If x has not four dimensions or an empty one, or sigma is negative or not finite.
+        pnp_sci.errors.InputTypeError
+            If x does not hold floating-point numbers.
+        """
+        x = np.asarray(x)
+        if x.dtype not in (np.float32, np.float64):
+            raise InputTypeError(f"x holds {x.dtype}, but float32 or float64 was expected")
+        if x.ndim != 4 or 0 in x.shape:
+            raise InputError(f"x has shape {x.shape}, but views x frames x rows x columns was expected, none of them 0")
+        if not (math.isfinite(sigma) and sigma >= 0):
+            raise InputError(f"sigma is {sigma}, but a finite number >= 0 was expected")
+        if sigma == 0:
+            return x.copy()
+        return x - self._runner.noise(np.ascontiguousarray(x, np.float32), float(sigma))

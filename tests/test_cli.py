@@ -1,0 +1,295 @@
+import json
+import os
+import re
+import subprocess
+import sys
+import time
+from pathlib import Path
+
+import click
+import imageio.v3
+import numpy as np
+import pytest
+from click.testing import CliRunner
+
+import pnp_sci.api
+from pnp_sci import io, registry
+from pnp_sci.cli import main
+from pnp_sci.datasets import embedded_scene
+from pnp_sci.result import History, Record, Result, Status
+from pnp_sci.simulate import simulate
+
+
+@pytest.fixture
+def here(tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    return tmp_path
+
+
+@pytest.fixture
+def meas(here):
+    """A file with y, its masks and the true video."""
+    scene = embedded_scene(32)
+    io.write("meas.npz", {"y": scene.y, "masks": scene.masks, "x": scene.truth})
+    return "meas.npz"
+
+
+def run(*arguments):
+    return CliRunner().invoke(main, [str(a) for a in arguments])
+
+
+def fails(code, *arguments):
+    """The one line that a failing command prints on stderr."""
+    done = run(*arguments)
+    assert done.exit_code == code, done.output
+    assert "Traceback" not in done.output
+    assert not isinstance(done.exception, AssertionError)
+    return done.stderr.strip().splitlines()[-1]
+
+
+def subcommand(*arguments, **kept):
+    environment = {**os.environ, "PYTHONPATH": str(Path(__file__).parents[1])}
+    return subprocess.run(
+        [sys.executable, "-m", "pnp_sci", *map(str, arguments)], capture_output=True, text=True, env=environment, **kept
+    )
+
+
+# ---- the command as such -------------------------------------------------------------------------------------------
+
+
+def test_help_is_quick_and_names_every_command():
+    seconds = []
+    for _ in range(3):
+        start = time.perf_counter()
+        done = subcommand("--help")
+        seconds.append(time.perf_counter() - start)
+    assert min(seconds) < 0.5
+    assert done.returncode == 0
+    assert set(re.findall(r"^  (\w+) ", done.stdout, re.M)) >= {"demo", "solve", "simulate", "info", "bench", "priors"}
+
+
+@pytest.mark.parametrize("command", ["demo", "solve", "simulate", "info", "bench", "priors"])
+def test_every_option_is_explained(command):
+    done = run(command, "--help")
+    assert done.exit_code == 0
+    for parameter in main.commands[command].params:
+        explained = isinstance(parameter, click.Option) and (parameter.help or parameter.name == "seed")
+        assert isinstance(parameter, click.Argument) or explained, parameter.name
+
+
+def test_help_loads_nothing_heavy():
+    code = (
+        "import sys; from click.testing import CliRunner; from pnp_sci.cli import main\n"
+        "assert CliRunner().invoke(main, ['solve', '--help']).exit_code == 0\n"
+        "print(*{'numpy', 'numba', 'scipy', 'torch', 'matplotlib'} & set(sys.modules))"
+    )
+    assert subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True).stdout.strip() == ""
+
+
+def test_demo_in_a_process_scores_and_shows_two_views(tmp_path):
+    done = subcommand("demo", "--size", 64, cwd=tmp_path)
+    assert done.returncode == 0, done.stderr
+    assert done.stderr == ""
+    scores = re.findall(r"View (\d): PSNR ([\d.]+) dB, SSIM ([\d.]+)", done.stdout)
+    assert [view for view, _, _ in scores] == ["1", "2"]
+    assert all(float(psnr) > 15 for _, psnr, _ in scores)
+    assert re.search(r"[\d.]+ seconds for \d+ iterations: the ", done.stdout)
+    assert sorted(os.listdir(tmp_path)) == ["demo.mp4", "demo.png"]
+    assert "Written: demo.png, demo.mp4" in done.stdout
+    assert io.read(tmp_path / "demo.mp4").shape == (10, 64, 128)
+    assert imageio.v3.imread(tmp_path / "demo.png").std() > 10
+
+
+# ---- failures ------------------------------------------------------------------------------------------------------
+
+
+def test_wrong_command_lines_exit_with_2(meas):
+    assert "No such command 'slove'" in fails(2, "slove")
+    assert "'none.npz' does not exist" in fails(2, "solve", "none.npz")
+    assert "--option: 'inner' came, KEY=VALUE was expected" in fails(2, "solve", meas, "--option", "inner")
+    assert "NAME:ITERATIONS" in fails(2, "solve", meas, "--prior", "tv:many")
+    assert "auto or a number" in fails(2, "solve", meas, "--noise", "much")
+    assert "--index: 0 came, but the file has 1 measurement" in fails(2, "solve", meas, "--index", 0)
+    assert "tv" in fails(2, "solve", meas, "--prior", "vt")
+    assert not Path("result.npz").exists()
+
+
+def test_unreadable_files_exit_with_1_and_one_line(here):
+    Path("broken.npz").write_bytes(b"PK but no archive")
+    Path("notes.txt").write_text("y")
+    for command in (["info"], ["solve"], ["simulate"]):
+        assert fails(1, *command, "broken.npz").startswith("Error: broken.npz is not an NPZ archive")
+    assert "cannot read .txt" in fails(1, "info", "notes.txt")
+
+
+def test_masks_of_another_size_exit_with_1(meas):
+    io.write("small.npz", {"masks": np.ones((2, 3, 8, 8))})
+    line = fails(1, "solve", meas, "--masks", "small.npz")
+    assert "8" in line
+    assert "32" in line
+
+
+def test_debug_shows_where_it_failed(here):
+    Path("broken.npz").write_bytes(b"PK but no archive")
+    done = subcommand("--debug", "info", "broken.npz", cwd=here)
+    assert done.returncode == 1
+    assert "Traceback" in done.stderr
+    assert "FormatError: broken.npz is not" in done.stderr
+
+
+def test_a_bug_is_named_by_its_type(monkeypatch, meas):
+    def broken(*_, **__):
+        raise KeyError("lost")
+
+    monkeypatch.setattr(pnp_sci.api, "solve", broken)
+    assert fails(1, "solve", meas) == "Error: KeyError: 'lost'"
+
+
+def test_a_numerical_failure_is_saved_and_exits_with_1(monkeypatch, meas):
+    failed = Result(np.ones((2, 10, 32, 32)), Status.NOT_FINITE, History([Record(3, 1.0, 0.5, 0.1)]), {})
+    monkeypatch.setattr(pnp_sci.api, "solve", lambda *_, **__: failed)
+    assert fails(1, "solve", meas) == f"Error: {Status.NOT_FINITE.value} (3 iterations in 1 s)"
+    assert Result.load("result.npz").status is Status.NOT_FINITE
+
+
+# ---- solve and simulate --------------------------------------------------------------------------------------------
+
+
+def test_solve_writes_what_solve_returns(meas):
+    done = run("solve", meas, "--iterations", 5, "--out", "r.h5", "--video", "r.gif", "--reference", meas)
+    assert done.exit_code == 0, done.output
+    scene = embedded_scene(32)
+    expected = pnp_sci.api.solve(scene.y, scene.masks, iterations=5)
+    back = Result.load("r.h5")
+    assert np.allclose(back.x, expected.x, atol=1e-5)
+    assert back.history[-1].iteration == 5
+    assert io.read("r.gif").shape == (10, 32, 64)
+    assert re.search(r"View 2: PSNR [\d.]+ dB", done.output)
+    assert "Written: r.h5, r.gif" in done.output
+
+
+def test_solve_hands_on_every_option(monkeypatch, meas):
+    received = {}
+
+    def recorded(y, masks, prior, **options):
+        received.update(options, prior=prior)
+        return Result(np.ones(masks.shape), Status.CONVERGED, History(), {})
+
+    monkeypatch.setattr(pnp_sci.api, "solve", recorded)
+    arguments = (
+        "--prior tv:6,wavelet:2 --algorithm admm --init zeros --iterations 8 --noise 0.01 --time-budget 2 --seed 3"
+    )
+    done = run("solve", meas, *arguments.split(), "--option", "inner=5", "--option", "mode=soft")
+    assert done.exit_code == 0, done.output
+    assert received == {
+        "prior": [("tv", 6), ("wavelet", 2)],
+        "algorithm": "admm",
+        "init": "zeros",
+        "iterations": 8,
+        "noise": 0.01,
+        "time_budget": 2.0,
+        "seed": 3,
+        "device": None,
+        "reference": None,
+        "progress": False,
+        "inner": 5,
+        "mode": "soft",
+    }
+
+
+def test_several_measurements_and_one_of_them(here):
+    scene = embedded_scene(32)
+    truth = np.stack([scene.truth, scene.truth[:, ::-1]])
+    y = np.stack([simulate(x, scene.masks) for x in truth])
+    films = (255 * truth.swapaxes(0, 1).reshape(2, 20, 32, 32)).astype(np.uint8)
+    io.write("m.h5", {"y": y, "masks": scene.masks, "x": films})
+    both = run("solve", "m.h5", "--iterations", 3, "--reference", "m.h5")
+    assert both.exit_code == 0, both.output
+    assert Result.load("result.npz").x.shape == (2, 2, 10, 32, 32)
+    second = Result.load("result.npz").x[1]
+    one = run("solve", "m.h5", "--iterations", 3, "--index", 1, "--out", "one.npz", "--reference", "m.h5")
+    assert one.exit_code == 0, one.output
+    assert np.allclose(Result.load("one.npz").x, second, atol=1e-5)
+    assert "--index: 2 came" in fails(2, "solve", "m.h5", "--index", 2)
+    io.write("long.npz", {"x": films[:, :15]})
+    assert "reference has shape (2, 15, 32, 32)" in fails(1, "solve", "m.h5", "--reference", "long.npz")
+
+
+@pytest.mark.parametrize("masks", ["moving", "random"])
+def test_simulated_files_can_be_solved(here, masks):
+    scene = embedded_scene(32)
+    for view, film in enumerate(scene.truth, 1):
+        io.write_video(f"view{view}.avi", film)
+    done = run("simulate", "view1.avi", "view2.avi", "--masks", masks, "--frames", 6, "--noise", 0.01, "--bits", 12)
+    assert done.exit_code == 0, done.output
+    assert "2 views x 6 frames of 32 x 32" in done.output
+    truth, phi, y = io.read_video("meas.npz"), io.read_masks("meas.npz"), io.read_measurement("meas.npz")
+    assert truth == pytest.approx(scene.truth[:, :6], abs=0.003)
+    assert phi.shape == (2, 6, 32, 32)
+    assert set(np.unique(phi)) == {0, 1}
+    assert y == pytest.approx((phi * truth).sum((0, 1)), abs=0.05 * float(y.max()))
+    assert not np.array_equal(y, (phi * truth).sum((0, 1)))
+    assert run("solve", "meas.npz", "--iterations", 2).exit_code == 0
+
+
+def test_simulate_is_reproducible_and_takes_masks_from_a_file(meas):
+    for out in ("a.npz", "b.npz"):
+        assert run("simulate", meas, "--masks", meas, "--noise", 0.1, "--out", out).exit_code == 0
+    assert np.array_equal(io.read("a.npz", "y"), io.read("b.npz", "y"))
+    assert np.array_equal(io.read("a.npz", "masks"), io.read(meas, "masks"))
+    assert run("simulate", meas, "--masks", meas, "--out", "c.npz").exit_code == 0
+    assert np.array_equal(io.read("c.npz", "y"), io.read(meas, "y"))
+
+
+def test_videos_that_do_not_fit_are_named(here):
+    io.write_video("a.avi", np.zeros((4, 32, 32)))
+    io.write_video("b.avi", np.zeros((4, 32, 16)))
+    assert "b.avi has 4 frames of 32 x 16: 4 of 32 x 32 were expected" in fails(1, "simulate", "a.avi", "b.avi")
+    assert "frames is 9, but a.avi has 4" in fails(1, "simulate", "a.avi", "--frames", 9)
+
+
+# ---- info, priors, bench -------------------------------------------------------------------------------------------
+
+
+def test_info_reports_on_arrays_masks_and_results(meas):
+    done = run("info", meas)
+    assert done.exit_code == 0
+    assert "measurement: 32 x 32" in done.output
+    assert "Masks: 2 views x 10 frames of 32 x 32, bool, binary" in done.output
+    assert "the views can be told apart" in done.output
+    run("solve", meas, "--iterations", 2, "--seed", 7)
+    report = run("info", "result.npz").output
+    assert "Result(2 views x 10 frames of 32 x 32, 2 iterations" in report
+    assert json.loads(report[report.index("\n{") :])["seed"] == 7
+
+
+def test_priors_lists_what_is_installed_with_a_summary(monkeypatch):
+    def own():
+        """Leaves everything as it is."""
+
+    monkeypatch.setitem(registry._registered["priors"], "own", own)
+    done = run("priors")
+    assert done.exit_code == 0
+    assert re.search(r"^  own +Leaves everything as it is\.$", done.output, re.M)
+    for name in registry.available("priors"):
+        assert re.search(rf"^  {re.escape(name)} +\S", done.output, re.M), name
+
+
+def test_bench_makes_a_table(here):
+    done = run("bench", "--iterations", 2, "--repeat", 2, "--json", "b.json", "--markdown", "b.md")
+    assert done.exit_code == 0, done.output
+    (row,) = json.loads(Path("b.json").read_text())["rows"]
+    assert (row["case"], row["prior"], row["iterations"]) == ("embedded", "tv", 2)
+    assert len(row["psnr"]) == len(row["ssim"]) == len(row["seconds"]) == 2
+    assert Path("b.md").read_text() == done.stdout
+    assert "| embedded | tv |" in done.stdout
+
+
+def test_bench_goes_on_after_a_failure(here, monkeypatch):
+    monkeypatch.setenv("PNP_SCI_DATA", str(here / "empty"))
+    done = run("bench", "--cases", "kobe,embedded", "--iterations", 1)
+    assert done.exit_code == 1
+    assert "| embedded | tv |" in done.stdout
+    assert "Error: kobe with tv: " in done.stderr
+    assert "PNP_SCI_DATA" in done.stderr
+    assert "'nowhere'" in fails(1, "bench", "--cases", "nowhere")

@@ -1,0 +1,158 @@
+"""The trainer from end to end on a few tiny clips: files, exact resume, the split, the noise, a paused clock."""
+
+import os
+import subprocess
+import sys
+
+import imageio.v3 as iio
+import numpy as np
+import pytest
+from click.testing import CliRunner
+
+from pnp_sci.errors import FormatError
+
+torch = pytest.importorskip("torch")
+pytest.importorskip("safetensors")
+_weights = pytest.importorskip("priors._weights")
+data = pytest.importorskip("priors.train.data")
+loop = pytest.importorskip("priors.train.loop")
+cli = pytest.importorskip("priors.train.__main__")
+
+
+@pytest.fixture(scope="module")
+def folder(tmp_path_factory):
+    folder = tmp_path_factory.mktemp("clips")
+    random = np.random.default_rng(0)
+    for name in ("ball_1", "ball_2", "car", "dog"):
+        frames = np.kron(random.integers(0, 256, (12, 8, 8, 1)), np.ones((1, 4, 4, 3))).astype(np.uint8)
+        iio.imwrite(folder / f"{name}.mp4", frames, plugin="FFMPEG", fps=10)
+    iio.imwrite(folder / "photograph.jpg", random.integers(0, 256, (40, 30), np.uint8))
+    return folder
+
+
+@pytest.fixture(autouse=True)
+def small(monkeypatch):
+    """Two validations a run, and one thread: more of them only wait for each other on pictures this small."""
+    monkeypatch.setattr(loop, "VALIDATIONS", 2)
+    threads = torch.get_num_threads()
+    torch.set_num_threads(1)
+    yield
+    torch.set_num_threads(threads)
+
+
+def settings(folder, out, name="video", steps=6, **rest):
+    return loop.Settings(name, (folder,), out, out / "weights.safetensors", steps=steps, crop=16, batch=1, **rest)
+
+
+def test_command_line_writes_weights_curves_and_card(folder, tmp_path):
+    weights = tmp_path / "ffdnet.safetensors"
+    arguments = f"ffdnet --data {folder} --out {tmp_path / 'run'} --weights {weights} --steps 2 --crop 16 --batch 2"
+    result = CliRunner().invoke(cli.main, arguments.split(), catch_exceptions=False)
+    assert result.exit_code == 0, result.output
+    _, digest = _weights.load(weights, "ffdnet")
+    card = weights.with_suffix(".md").read_text()
+    assert digest in card
+    assert "2 clips (24 frames) and 1 photographs" in card
+    assert f"--data {folder.name} --steps 2 --seed 0" in card
+    assert str(folder.parent) not in card, "the card must not tell where things lay"
+    curves = (tmp_path / "run" / "curves.csv").read_text().splitlines()
+    assert curves[0] == "step,minutes,loss,psnr_5,psnr_15,psnr_25,psnr_40"
+    assert len(curves) == 3
+
+
+def test_resumed_run_equals_an_uninterrupted_one(folder, tmp_path, monkeypatch):
+    loop.train(settings(folder, tmp_path / "whole"))
+
+    def interrupted(trainer, sampler, done, step=loop.Trainer.step):
+        if trainer.progress.step == 4:
+            raise KeyboardInterrupt
+        return step(trainer, sampler, done)
+
+    with monkeypatch.context() as patch:
+        patch.setattr(loop.Trainer, "step", interrupted)
+        with pytest.raises(KeyboardInterrupt):
+            loop.train(settings(folder, tmp_path / "parts"))
+    progress = loop.train(settings(folder, tmp_path / "parts"), resume=True)
+    assert progress.step == 6
+    states = [torch.load(tmp_path / run / "checkpoint.pt", weights_only=True)["network"] for run in ("whole", "parts")]
+    assert all(torch.equal(states[0][key], states[1][key]) for key in states[0])
+    first, second = (_weights.load(tmp_path / run / "weights.safetensors", "video")[1] for run in ("whole", "parts"))
+    assert first == second
+
+
+def test_resuming_a_finished_run_writes_its_files_anew(folder, tmp_path):
+    loop.train(settings(folder, tmp_path, steps=2))
+    card = tmp_path / "weights.md"
+    text = card.read_text()
+    card.unlink()
+    assert loop.train(settings(folder, tmp_path, steps=2), resume=True).step == 2
+    assert card.read_text() == text
+
+
+def test_resume_refuses_another_run(folder, tmp_path):
+    loop.train(settings(folder, tmp_path, steps=2))
+    with pytest.raises(FormatError, match="video with seed 0, but video with seed 1"):
+        loop.train(settings(folder, tmp_path, steps=2, seed=1), resume=True)
+
+
+def test_learns(folder, tmp_path):
+    """On noise it has hardly seen yet, the net is already better than nothing."""
+    progress = loop.train(settings(folder, tmp_path, name="ffdnet", steps=60, frames=1))
+    noisy = -20 * np.log10(40 / 255)
+    assert progress.rows[-1][2] < progress.rows[0][2], "the loss falls"
+    assert progress.rows[-1][-1] > noisy
+
+
+def test_two_processes_agree(folder, tmp_path):
+    """What torchrun does: each process has its rank; the result is that of one set of weights."""
+    command = [sys.executable, "-m", "priors.train", "video", "--data", str(folder), "--out", str(tmp_path)]
+    command += ["--steps", "2", "--crop", "16", "--batch", "1"]
+    shared = {"WORLD_SIZE": "2", "MASTER_ADDR": "127.0.0.1", "MASTER_PORT": "29617", "OMP_NUM_THREADS": "1"}
+    ranks = [subprocess.Popen(command, env=os.environ | shared | {"RANK": rank}) for rank in "01"]
+    assert [process.wait(120) for process in ranks] == [0, 0]
+    assert "2 process(es)" in (tmp_path / "video.md").read_text()
+
+
+def test_split_keeps_scenes_apart(folder):
+    clips = data.load_clips([folder])
+    assert [clip.name for clip in clips] == ["ball_1", "ball_2", "car", "dog", "photograph"]
+    assert clips[0].frames.shape == (12, 32, 32)
+    training, validation = data.split(clips)
+    assert [clip.name for clip in validation] == ["ball_1"]
+    assert [clip.name for clip in training] == ["car", "dog", "photograph"]
+    assert [clip.name for clip in data.split(clips[:4])[1]] == ["ball_1"], "photographs do not change the split"
+
+
+def test_folder_without_material(tmp_path):
+    (tmp_path / "notes.txt").write_text("nothing to see")
+    with pytest.raises(FormatError, match="no video and no photograph"):
+        data.load_clips([tmp_path])
+    with pytest.raises(FormatError, match="more than one frame"):
+        data.Sampler([data.Clip("still", np.zeros((1, 8, 8), np.uint8))], frames=3, crop=8, batch=1, seed=0)
+
+
+def test_samples_depend_on_seed_rank_and_step_only():
+    clips = [data.Clip("short", np.random.default_rng(0).integers(0, 256, (5, 20, 12), np.uint8))]
+    sampler = data.Sampler(clips, frames=8, crop=16, batch=3, seed=1)
+    clean, noisy, sigma = sampler(0, 7)
+    assert clean.shape == noisy.shape == (3, 8, 16, 16)
+    assert sigma.max() <= 75 / 255
+    for again, other in zip(sampler(0, 7), sampler(1, 7)):
+        assert again.dtype == np.float32
+        assert not np.array_equal(again, other)
+    assert all(np.array_equal(a, b) for a, b in zip(sampler(0, 7), (clean, noisy, sigma)))
+
+
+def test_noise_has_unit_variance():
+    random = np.random.default_rng(0)
+    samples = [data.unit_noise(random, (4, 32, 32)) for _ in range(100)]
+    assert np.mean([np.square(sample).mean() for sample in samples]) == pytest.approx(1, abs=0.01)
+    shared = [np.corrcoef(sample[0].ravel(), sample[1].ravel())[0, 1] for sample in samples]
+    assert 0.05 < np.mean(np.array(shared) > 0.1) < 0.25, "some, not most, is shared between frames"
+
+
+def test_a_pause_does_not_count(monkeypatch):
+    times = iter([0, 1, 2, 3, 1003, 1004])
+    monkeypatch.setattr(loop.time, "perf_counter", lambda: next(times))
+    clock = loop.Clock()
+    assert [clock.lap() for _ in range(5)] == [1, 1, 1, 5, 1]
