@@ -1,7 +1,6 @@
 """Two captures of a real camera in one measurement, noise included: a wheel and a hand are told apart again.
 
-Light adds up, so the sum of two captures is what a dual-view camera would have measured. Each capture solved on its own
-shows what the superposition costs.
+Light adds up, so the sum of two captures is what a dual-view camera would have measured.
 """
 
 import argparse

@@ -57,19 +57,21 @@ def gram(masks, total):
 
 
 @kernel
-def project(masks, x, y, weight):
-    """x <- x + masks * weight * (y - sum(masks * x)), in place."""
+def project(masks, x, y, weight, out, in_place):
+    """out <- x + masks * weight * (y - sum(masks * x)); `in_place` says that out is x."""
     planes, pixels = x.shape
     real = x.dtype.type
     for block in numba.prange((pixels + BLOCK - 1) // BLOCK):
         here = slice(block * BLOCK, min((block + 1) * BLOCK, pixels))
         r = y[here].copy()
         for k in range(planes):
-            m, v = masks[k, here], x[k, here]
+            m, v, w = masks[k, here], x[k, here], out[k, here]
             for p in range(r.size):
                 r[p] -= real(m[p]) * v[p]
+            if not in_place:
+                w[:] = v
         r *= weight[here]
         for k in range(planes):
-            m, v = masks[k, here], x[k, here]
+            m, w = masks[k, here], out[k, here]
             for p in range(r.size):
-                v[p] += real(m[p]) * r[p]
+                w[p] += real(m[p]) * r[p]

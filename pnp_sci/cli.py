@@ -62,7 +62,7 @@ def demo(out: Path, size: int) -> None:
     _print_scores(result.x, scene.truth)
     click.echo(f"{seconds:.2f} seconds for {result.history[-1].iteration} iterations: {result.status.value}")
     out.mkdir(parents=True, exist_ok=True)
-    result.plot(reference=scene.truth).savefig(out / "demo.png", dpi=150)
+    result.plot(reference=scene.truth).savefig(out / "demo.png", dpi=110)
     result.export(out / "demo.mp4")
     click.echo(f"Written: {out / 'demo.png'}, {out / 'demo.mp4'}")
     result.raise_for_status()
@@ -169,16 +169,17 @@ def info(file: Path, views: int | None) -> None:
     from .masks import condition
 
     entries = io.describe(file)
+    if {"x", "history"} <= {entry.key for entry in entries}:
+        from .result import Result
+
+        result = Result.load(file)
+        click.echo(f"{result!r}\n{json.dumps(result.settings, indent=2)}")
+        return
     for entry in entries:
         click.echo(f"{entry.key:12s} {' x '.join(map(str, entry.shape)):22s} {entry.dtype:8s} {entry.meaning}")
     for entry in entries:
         if entry.meaning.startswith("masks"):
             click.echo(f"\n{condition(io.read_masks(file, views, entry.key))}")
-    if {"x", "history"} <= {entry.key for entry in entries}:
-        from .result import Result
-
-        result = Result.load(file)
-        click.echo(f"\n{result!r}\n{json.dumps(result.settings, indent=2)}")
 
 
 @main.command()
@@ -241,9 +242,12 @@ def _interactive() -> bool:
 
 
 def _print_scores(x: np.ndarray, truth: np.ndarray | None) -> None:
+    if truth is None:
+        return
     from .bench.runner import scores
 
-    for view, (psnr, ssim) in enumerate(zip(*scores(x, truth)), 1):
+    white = _white(truth.dtype)
+    for view, (psnr, ssim) in enumerate(zip(*scores(x / white, truth / white)), 1):
         click.echo(f"View {view}: PSNR {psnr:.2f} dB, SSIM {ssim:.3f}")
 
 
@@ -285,7 +289,7 @@ def _truth(file: Path, shape: tuple[int, ...], several: bool) -> np.ndarray:
     from . import io
 
     views, frames, rows, columns = shape
-    video = _unit_range(io.read_video(file, views))
+    video = io.read_video(file, views)
     if video.shape[1] % frames or video.shape[2:] != (rows, columns) or (not several and video.shape[1] != frames):
         raise InputError(f"reference has shape {video.shape}, but masks {shape}: the same was expected")
     return video.reshape(views, -1, frames, rows, columns).swapaxes(0, 1) if several else video
@@ -322,9 +326,11 @@ def _views(files: tuple[Path, ...], views: int | None, frames: int | None) -> np
 
 def _unit_range(video: np.ndarray) -> np.ndarray:
     """Grey levels as float32 in [0, 1]; floats stay."""
+    return video if video.dtype.kind == "f" else (video / _white(video.dtype)).astype("float32")
+
+
+def _white(dtype: np.dtype) -> int:
+    """The value of white: the largest of a type of whole numbers, else 1."""
     import numpy as np
 
-    if video.dtype.kind == "f":
-        return video
-    largest = 1 if video.dtype == bool else np.iinfo(video.dtype).max
-    return (video / largest).astype(np.float32)
+    return np.iinfo(dtype).max if dtype.kind in "iu" else 1

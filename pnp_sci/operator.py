@@ -150,9 +150,9 @@ class SensingOperator:
         x = self._array("x", x, self.shape)
         y = self._array("y", y, self.shape[2:])
         out = self._output(out, self.shape)
-        if out is not x:
-            np.copyto(out, x)
-        _kernels.project(self._planes, out.reshape(self._planes.shape), y.reshape(-1), self._weight(float(rho)))
+        flat = self._planes.shape
+        weight = self._weight(float(rho))
+        _kernels.project(self._planes, x.reshape(flat), y.reshape(-1), weight, out.reshape(flat), out is x)
         return out
 
     def linear_operator(self) -> LinearOperator:

@@ -65,7 +65,7 @@ class TorchSensingOperator(torch.nn.Module):
             raise InputTypeError(f"dtype is {dtype}: torch.float32 or torch.float64 was expected")
         if isinstance(masks, torch.Tensor):
             device = device or masks.device
-            masks = masks.detach().cpu()
+            masks = masks.detach().cpu().numpy()
         array = as_masks(masks, np.dtype(np.float64) if dtype == torch.float64 else None)
         dtype = dtype or (torch.float64 if array.dtype == np.float64 else torch.float32)
         # one byte an element stays so; a copy, because the masks that came in are the caller's

@@ -2,8 +2,8 @@
 
 The dual field p holds one video of forward differences per axis; it vanishes on the last row, column and frame, so that
 its divergence needs no special case there. A step takes a band of rows of one view through the frames: the primal
-variable of frame k + 1 is made from the old p just before frame k of p is renewed, so each value is read once while it
-is in the cache. The first row of every band is made beforehand: the band above needs it, and p may have changed by then.
+variable of frame k + 1 is made from the old p just before frame k of p is renewed, so each value is read once. The first
+row of every band is made beforehand: the band above needs it, and p may have changed by then.
 """
 
 import numba
@@ -57,7 +57,7 @@ def _dual(here, after, step, time, isotropic, p_rows, p_columns, p_time, n, k, s
                     c[j] += step * time[n, i, j] * (then[j] - u[j])
             if isotropic:
                 for j in range(columns):
-                    scale = one / max(one, np.sqrt(a[j] * a[j] + b[j] * b[j] + c[j] * c[j]))
+                    scale = one / np.sqrt(max(one, a[j] * a[j] + b[j] * b[j] + c[j] * c[j]))
                     a[j] *= scale
                     b[j] *= scale
                     c[j] *= scale
@@ -66,7 +66,7 @@ def _dual(here, after, step, time, isotropic, p_rows, p_columns, p_time, n, k, s
                     c[j] = min(one, max(-one, c[j]))
         elif isotropic:
             for j in range(columns):
-                scale = one / max(one, np.sqrt(a[j] * a[j] + b[j] * b[j]))
+                scale = one / np.sqrt(max(one, a[j] * a[j] + b[j] * b[j]))
                 a[j] *= scale
                 b[j] *= scale
         if not isotropic:
@@ -79,7 +79,7 @@ def _dual(here, after, step, time, isotropic, p_rows, p_columns, p_time, n, k, s
 def denoise(v, weight, steps, step, isotropic, time, p_rows, p_columns, p_time, out):
     """`steps` dual steps from the given p on v (V, B, H, W), then out <- v + weight * div p.
 
-    time (V, H, W) weighs the differences along time; p_time may be empty, then there are none.
+    time (V, H, W) weighs the differences along time; p_time may be empty, then there are none. out may be v.
     """
     views, frames, rows, columns = v.shape
     bands = (rows + BAND - 1) // BAND
@@ -107,4 +107,7 @@ def denoise(v, weight, steps, step, isotropic, time, p_rows, p_columns, p_time, 
                 here, after = after, here
     for job in numba.prange(views * frames):
         n, k = job // frames, job % frames
-        _primal(v, weight, time, p_rows, p_columns, p_time, n, k, 0, rows, out[n, k])
+        row = np.empty((1, columns), v.dtype)  # out may be v itself, which would keep the loops from being vectorised
+        for i in range(rows):
+            _primal(v, weight, time, p_rows, p_columns, p_time, n, k, i, i + 1, row)
+            out[n, k, i] = row[0]

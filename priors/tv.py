@@ -9,7 +9,8 @@ import numpy as np
 
 from pnp_sci.errors import InputError
 
-SETTLE = 30  # calls after which the estimate shows what moves
+SETTLE = 40  # calls after which the estimate shows what moves
+TRUSTED = 0.06  # largest sigma at which changes along time are taken for motion; with more they are mostly noise
 TIME_BEFORE = 0.1  # weight along time until then: the best single value for moving clips and the benchmark alike
 
 
@@ -27,8 +28,9 @@ class TV:
         Dual steps per call, >= 1. A single call on a video (outside a solver) wants some hundred.
     time : float or "auto"
         Weight of differences along time against those along rows and columns, >= 0. 0 denoises each frame on its own.
-        "auto" begins with 0.1 and after 30 calls gives every pixel of each view its own weight, by how much more the
-        estimate changes in space than along time around it: large where nothing moves, near 0 where much does.
+        "auto" begins with 0.1 and after 40 calls gives every pixel of each view its own weight, by how much more the
+        estimate changes in space than along time around it: large where nothing moves, near 0 where much does. With
+        a sigma above 0.06 it stays at 0.1, as changes along time are mostly noise then.
     isotropic : bool
         Penalise the length of the gradient (True) or the sum of its absolute parts (False).
 
@@ -105,7 +107,7 @@ class TV:
         step = v.dtype.type(1 / (8 + 4 * float(self._weights.max(initial=0)) ** 2) / weight)
         denoise(v, weight, self.inner, step, self.isotropic, self._weights, *self._dual, out)
         self._calls += 1
-        if self._calls == SETTLE and self.time == "auto" and v.shape[1] > 1:
+        if self._calls == SETTLE and self.time == "auto" and v.shape[1] > 1 and sigma <= TRUSTED:
             self._weights = np.stack([time_weights(view) for view in out])
         return out
 

@@ -201,7 +201,7 @@ def test_several_measurements_and_one_of_them(here):
     scene = embedded_scene(32)
     truth = np.stack([scene.truth, scene.truth[:, ::-1]])
     y = np.stack([simulate(x, scene.masks) for x in truth])
-    films = (255 * truth.swapaxes(0, 1).reshape(2, 20, 32, 32)).astype(np.uint8)
+    films = truth.swapaxes(0, 1).reshape(2, 20, 32, 32)
     io.write("m.h5", {"y": y, "masks": scene.masks, "x": films})
     both = run("solve", "m.h5", "--iterations", 3, "--reference", "m.h5")
     assert both.exit_code == 0, both.output
@@ -213,6 +213,18 @@ def test_several_measurements_and_one_of_them(here):
     assert "--index: 2 came" in fails(2, "solve", "m.h5", "--index", 2)
     io.write("long.npz", {"x": films[:, :15]})
     assert "reference has shape (2, 15, 32, 32)" in fails(1, "solve", "m.h5", "--reference", "long.npz")
+
+
+def test_scores_are_the_same_in_grey_levels(meas):
+    scene = embedded_scene(32)
+    grey = (255 * scene.truth).round().astype(np.uint8)
+    io.write("grey.npz", {"y": simulate(grey, scene.masks), "masks": scene.masks, "x": grey})
+    scores = []
+    for file in (meas, "grey.npz"):
+        output = run("solve", file, "--iterations", 5, "--reference", file).output
+        scores.append([float(number) for number in re.findall(r"View \d: PSNR ([\d.]+) dB", output)])
+    assert len(scores[0]) == 2
+    assert scores[1] == pytest.approx(scores[0], abs=0.05)
 
 
 @pytest.mark.parametrize("masks", ["moving", "random"])

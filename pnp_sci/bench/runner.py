@@ -65,12 +65,13 @@ def run(case: str, prior: str, repeat: int = 1, iterations: int | None = None) -
         If the process fails; the message is its last line.
     """
     request = json.dumps({"case": case, "prior": prior, "repeat": repeat, "iterations": iterations})
-    done = subprocess.run([sys.executable, "-m", __package__, request], capture_output=True, text=True)
+    done = subprocess.run([sys.executable, "-m", "pnp_sci.bench", request], capture_output=True, text=True)
     if done.returncode:
         reason = (done.stderr.strip().splitlines() or [f"exit code {done.returncode}"])[-1]
         raise SolverError(f"{case} with {prior}: {reason}")
     row: dict[str, Any] = json.loads(done.stdout.splitlines()[-1])
-    return Row(**row | {key: tuple(row[key]) for key in ("psnr", "ssim", "seconds")})
+    row.update({key: tuple(row[key]) for key in ("psnr", "ssim", "seconds")})
+    return Row(**row)
 
 
 def as_json(rows: Iterable[Row]) -> str:

@@ -1,0 +1,93 @@
+"""The operator's fused projection beside the numpy formula and a plain in-place pass; memory and growth of solve().
+
+    python benchmarks/operator_speed.py
+"""
+
+import resource
+import statistics
+import subprocess
+import sys
+import time
+
+import numba
+import numpy as np
+
+import pnp_sci
+
+SHAPE = (2, 10, 1024, 1024)
+REPEATS = 25
+
+
+@numba.njit(parallel=True)
+def in_place(x):
+    """One parallel pass over x that reads and writes every value."""
+    for block in numba.prange(x.size // 4096):
+        for i in range(block * 4096, (block + 1) * 4096):
+            x[i] = x[i] * np.float32(0.999) + np.float32(0.001)
+
+
+def projection():
+    rng = np.random.default_rng(0)
+    masks = pnp_sci.random_masks(SHAPE).view(np.uint8)
+    op = pnp_sci.SensingOperator(masks)
+    x = rng.random(SHAPE, dtype=np.float32)
+    y = op.forward(rng.random(SHAPE, dtype=np.float32))
+    floats = masks.astype(np.float32)
+
+    def formula():
+        return x + floats * ((y - (floats * x).sum((0, 1))) / op.gram)
+
+    jobs = {
+        "fused": lambda: op.project(x, y, out=x),
+        "in place": lambda: in_place(x.reshape(-1)),
+        "numpy": formula,
+    }
+    seconds = {name: [] for name in jobs}
+    for job in jobs.values():
+        job()
+    for _ in range(REPEATS):
+        for name, job in jobs.items():
+            begin = time.perf_counter()
+            job()
+            seconds[name].append(time.perf_counter() - begin)
+    median = {name: statistics.median(s) for name, s in seconds.items()}
+    for name, value in median.items():
+        print(f"{name:9} {1000 * value:7.2f} ms ({1000 * min(seconds[name]):.2f} ... {1000 * max(seconds[name]):.2f})")
+    print(f"numpy / fused {median['numpy'] / median['fused']:.1f}, fused / in place {median['fused'] / median['in place']:.2f}")
+
+
+def memory():
+    """Peak memory of solve(prior="tv") over what the process held before, in sizes of the video; in a child process."""
+    child = subprocess.run([sys.executable, __file__, "--memory"], capture_output=True, text=True, check=True)
+    print(child.stdout.strip())
+
+
+def measure_memory():
+    scene = pnp_sci.datasets.embedded_scene(64)
+    pnp_sci.solve(scene.y, scene.masks, iterations=40)  # compile and load
+    masks = pnp_sci.random_masks(SHAPE).view(np.uint8)
+    y = np.random.default_rng(0).random(SHAPE[2:], dtype=np.float32)
+    before = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss * 1024
+    pnp_sci.solve(y, masks, iterations=35, tol=0)
+    peak = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss * 1024 - before
+    print(f"peak memory of solve: {peak / (4 * np.prod(SHAPE)):.1f} times the video")
+
+
+def growth():
+    """Seconds per iteration and pixel from 256 x 256 to 2048 x 2048."""
+    for side in (256, 512, 1024, 2048):
+        masks = pnp_sci.random_masks((2, 10, side, side)).view(np.uint8)
+        y = np.random.default_rng(0).random((side, side), dtype=np.float32)
+        pnp_sci.solve(y, masks, iterations=1)
+        records = pnp_sci.solve(y, masks, iterations=12, tol=0).history["seconds"]
+        per_iteration = statistics.median(np.diff(records))
+        print(f"{side:5} x {side}: {1000 * per_iteration:8.2f} ms an iteration, {1e9 * per_iteration / side**2:.1f} ns a pixel")
+
+
+if __name__ == "__main__":
+    if "--memory" in sys.argv:
+        measure_memory()
+    else:
+        projection()
+        memory()
+        growth()

@@ -1,0 +1,109 @@
+"""What is promised at the extremes; docs/extremes.md has the same rows in words."""
+
+import numpy as np
+import pytest
+
+import pnp_sci
+from pnp_sci import Status, datasets, solve
+
+
+@pytest.fixture(scope="module")
+def scene():
+    return datasets.embedded_scene(48)
+
+
+def usable(result, shape):
+    assert result.x.shape == shape
+    assert np.isfinite(result.x).all()
+    assert result.status.ok
+    return result
+
+
+@pytest.mark.parametrize("factor", [1e-30, 1e-6, 1e6, 1e30])
+@pytest.mark.parametrize("dtype", [np.float32, np.float64])
+def test_scale_of_y(scene, factor, dtype):
+    expected = solve(scene.y.astype(np.float64), scene.masks, iterations=20).x
+    x = usable(solve((scene.y * factor).astype(dtype), scene.masks, iterations=20), expected.shape).x
+    np.testing.assert_allclose(x.astype(np.float64) / factor, expected, atol=1e-3)
+
+
+@pytest.mark.parametrize("value", [0.0, 3.0, -3.0])
+@pytest.mark.parametrize("algorithm", ["gap", "plain-gap", "admm"])
+def test_constant_measurements(scene, value, algorithm):
+    x = usable(solve(np.full_like(scene.y, value), scene.masks, algorithm=algorithm, iterations=20), scene.masks.shape).x
+    assert np.sign(x.mean()) == np.sign(value)
+
+
+@pytest.mark.parametrize("algorithm", ["gap", "plain-gap", "admm"])
+@pytest.mark.parametrize("kind", ["zero", "one", "dead in one view", "dead in both", "twice", "thousand", "signed", "sparse"])
+def test_masks(scene, kind, algorithm):
+    masks = scene.masks.astype(np.float32)
+    if kind == "zero":
+        masks[:] = 0
+    elif kind == "one":
+        masks[:] = 1
+    elif kind == "dead in one view":
+        masks[0, :, 10:14, 10:14] = 0
+    elif kind == "dead in both":
+        masks[:, :, 10:14, 10:14] = 0
+    elif kind == "sparse":
+        masks *= np.random.default_rng(0).random(masks.shape) < 0.05
+    else:
+        masks = {"twice": 2 * masks, "thousand": 1000 * masks, "signed": 2 * masks - 1}[kind]
+    y = pnp_sci.SensingOperator(masks).forward(scene.truth)
+    usable(solve(y, masks, algorithm=algorithm, iterations=40), masks.shape)
+
+
+def test_identical_masks_are_reported_and_give_a_finite_result(scene):
+    masks = np.stack([scene.masks[0]] * 2)
+    assert not pnp_sci.condition(masks).separable
+    result = usable(solve(pnp_sci.SensingOperator(masks).forward(scene.truth), masks, iterations=20), masks.shape)
+    np.testing.assert_allclose(result.x[0], result.x[1], atol=1e-4)
+
+
+@pytest.mark.parametrize(
+    "shape",
+    [(1, 1, 16, 16), (2, 64, 16, 16), (2, 10, 1, 40), (2, 10, 40, 1), (1, 1, 1, 1), (4, 3, 17, 13), (2, 10, 1, 1)],
+)
+@pytest.mark.parametrize("prior", ["tv", "wavelet", "none"])
+def test_shapes(shape, prior):
+    rng = np.random.default_rng(0)
+    masks = rng.random(shape) < 0.5
+    y = pnp_sci.SensingOperator(masks).forward(rng.random(shape))
+    usable(solve(y, masks, prior, iterations=15), shape)
+
+
+@pytest.mark.parametrize("dtype", [np.float16, np.uint8, np.uint16, np.int64, bool, ">f8", ">u2"])
+def test_input_types(scene, dtype):
+    y = np.round(20 * scene.y).astype(dtype)
+    result = usable(solve(y, scene.masks.astype(dtype), iterations=20), scene.masks.shape)
+    assert result.x.dtype == (np.float64 if np.dtype(dtype) == np.float64 else np.float32)
+    if np.dtype(dtype) != bool:
+        expected = solve(y.astype(np.float32), scene.masks, iterations=20).x
+        np.testing.assert_allclose(result.x, expected, atol=1e-3 * expected.max())
+
+
+@pytest.mark.parametrize("prior", ["tv", "wavelet"])
+@pytest.mark.parametrize("sigma", [0.0, 1e-30, 1e6, 1e30])
+def test_sigma(scene, prior, sigma):
+    usable(solve(scene.y, scene.masks, prior, sigma=sigma, iterations=10), scene.masks.shape)
+
+
+def test_ten_thousand_iterations_do_not_drift():
+    scene = datasets.embedded_scene(32)
+    result = usable(
+        solve(scene.y, scene.masks, iterations=10_000, tol=0, noise=0, reference=scene.truth), scene.masks.shape
+    )
+    assert result.status is Status.ITERATIONS
+    psnr = result.history["psnr"]
+    assert psnr[-1] > psnr.max() - 0.5
+    assert result.history[-1].residual < 1e-3
+
+
+@pytest.mark.parametrize("noise", [0.0, 0.1, 0.3, 1.0])
+def test_noise_up_to_the_signal(scene, noise):
+    """However loud the noise, the estimate is no worse than a uniform grey."""
+    y = pnp_sci.simulate(scene.truth, scene.masks, noise=noise)
+    result = usable(solve(y, scene.masks, reference=scene.truth), scene.masks.shape)
+    grey = np.mean(pnp_sci.psnr(np.full_like(scene.truth, scene.truth.mean()), scene.truth))
+    assert result.history["psnr"][-1] > grey - 1

@@ -1,0 +1,139 @@
+"""Single steps of the solvers against their formulas, and the solution that all of them lead to."""
+
+import numpy as np
+import pytest
+
+from pnp_sci import SensingOperator
+from pnp_sci.solvers import ALGORITHMS, admm_step, gap_step, plain_gap_step, start
+from priors.tv import TV
+
+
+def soften(x, sigma):
+    """A denoiser with nothing hidden: every pixel towards its frame's mean."""
+    return (x + sigma * x.mean((2, 3), keepdims=True)) / (1 + sigma)
+
+
+@pytest.fixture(params=["binary", "grey"])
+def problem(request):
+    rng = np.random.default_rng(5)
+    masks = rng.random((2, 4, 7, 6))
+    if request.param == "binary":
+        masks = masks < 0.5
+        masks[..., 0, 0] = True
+    x = rng.random(masks.shape)
+    op = SensingOperator(masks, np.float64)
+    return op, op.forward(x), rng.random(masks.shape)
+
+
+def run(step, problem, denoise, iterations, sigma=0.1, rho=0.0):
+    op, y, x = problem
+    state = start(op, y, x)
+    for _ in range(iterations):
+        state = step(op, y, denoise, state, sigma, rho)
+    return state
+
+
+def test_accelerated_gap_is_the_accumulated_measurement(problem):
+    """y_acc <- y_acc + (y - Phi x);  v <- x + Phi^T (y_acc - Phi x) / gram;  x <- D(v), in numpy from masks alone."""
+    op, y, x = problem
+    masks = op.masks.astype(float)
+    gram, accumulated = (masks**2).sum((0, 1)), y.copy()
+    for _ in range(12):
+        measured = (masks * x).sum((0, 1))
+        accumulated = accumulated + (y - measured)
+        x = soften(x + masks * (accumulated - measured) / gram, 0.1)
+    np.testing.assert_allclose(run(gap_step, problem, soften, 12).x, x, rtol=1e-9)
+
+
+@pytest.mark.parametrize("rho", [0.0, 0.7])
+def test_plain_gap_is_its_formula(problem, rho):
+    op, y, x = problem
+    masks = op.masks.astype(float)
+    for _ in range(12):
+        x = soften(x + masks * (y - (masks * x).sum((0, 1))) / ((masks**2).sum((0, 1)) + rho), 0.1)
+    np.testing.assert_allclose(run(plain_gap_step, problem, soften, 12, rho=rho).x, x, rtol=1e-9)
+
+
+@pytest.mark.parametrize("rho", [0.0, 0.7])
+def test_admm_is_its_formula(problem, rho):
+    """z minimises ||y - Phi z||^2 + rho ||z - (x - u)||^2, x <- D(z + u), u <- u + z - x."""
+    op, y, x = problem
+    masks = op.masks.astype(float)
+    u = np.zeros_like(x)
+    for _ in range(12):
+        z = x - u
+        z = z + masks * (y - (masks * z).sum((0, 1))) / ((masks**2).sum((0, 1)) + rho)
+        x = soften(z + u, 0.1)
+        u = u + z - x
+    np.testing.assert_allclose(run(admm_step, problem, soften, 12, rho=rho).x, x, rtol=1e-8)
+
+
+@pytest.mark.parametrize("step", ALGORITHMS.values(), ids=ALGORITHMS.keys())
+@pytest.mark.parametrize("rho", [0.0, 0.5])
+def test_states_stay_as_they_are(problem, step, rho):
+    """A step changes neither the state that came in, nor y, and says what it did."""
+    op, y, _ = problem
+    state = run(step, problem, soften, 3, rho=rho)
+    kept = [a.copy() for a in (state.x, state.residual, state.dual, y)]
+    after = step(op, y, soften, state, 0.1, rho)
+    assert all(np.array_equal(a, b) for a, b in zip(kept, (state.x, state.residual, state.dual, y)))
+    assert (state.iteration, after.iteration, after.sigma) == (3, 4, 0.1)
+    np.testing.assert_allclose(after.residual, y - op.forward(after.x), atol=1e-12)
+    assert not np.array_equal(after.x, state.x)
+
+
+@pytest.mark.parametrize("step", ALGORITHMS.values(), ids=ALGORITHMS.keys())
+def test_without_a_prior_the_measurement_is_met_at_once(problem, step):
+    state = run(step, problem, lambda x, sigma: x.copy(), 1)
+    accelerated = np.abs(start(*problem).residual).max() if step is gap_step else 0  # overshoots by the first residual
+    np.testing.assert_allclose(np.abs(state.residual).max(), accelerated, atol=1e-12)
+
+
+@pytest.mark.parametrize("step", ALGORITHMS.values(), ids=ALGORITHMS.keys())
+def test_dead_pixels_do_no_harm(step):
+    masks = np.random.default_rng(0).random((2, 3, 5, 5)) < 0.5
+    masks[..., 2, 2] = False
+    op = SensingOperator(masks)
+    y = op.forward(np.full(op.shape, 0.5))
+    for rho in (0.0, 0.5):
+        state = run(step, (op, y, np.zeros(op.shape, np.float32)), soften, 50, rho=rho)
+        assert np.isfinite(state.x).all()
+        assert np.isfinite(state.dual).all()
+
+
+def total_variation(x):
+    padded = np.pad(x, ((0, 0), (0, 0), (0, 1), (0, 1)), mode="edge")
+    return np.hypot(padded[..., 1:, :-1] - x, padded[..., :-1, 1:] - x).sum()
+
+
+@pytest.mark.parametrize("rho", [0.0, 0.4])
+def test_gap_and_admm_have_the_same_limit(rho):
+    """Both minimise ``||y - Phi x||^2 / (2 rho) + sigma TV(x)``, or TV(x) subject to ``Phi x = y`` where rho is 0."""
+    rng = np.random.default_rng(0)
+    x = np.zeros((1, 2, 10, 10))
+    x[0, 0, 2:6, 3:8], x[0, 1, 3:7, 4:9] = 1, 0.7
+    op = SensingOperator(rng.random(x.shape) < 0.6, np.float64)
+    y = op.forward(x) + 0.05 * rng.standard_normal(x.shape[2:]) * (op.gram > 0)
+    sigma = 0.1
+
+    def objective(state):
+        data = (state.residual**2).sum() / (2 * rho) if rho else 0.0
+        return data + sigma * total_variation(state.x)
+
+    states = []
+    for step in (gap_step, admm_step):
+        states.append(run(step, (op, y, np.zeros_like(x)), TV(inner=30, time=0), 1500, sigma, rho))
+    gap, admm = states
+    assert objective(gap) == pytest.approx(objective(admm), rel=1e-3)
+    np.testing.assert_allclose(gap.x, admm.x, atol=5e-3)
+    if rho:
+        np.testing.assert_allclose(gap.residual, admm.residual, atol=5e-3)
+        alive = op.gram > 0
+        np.testing.assert_allclose(gap.residual[alive], (rho * gap.dual / np.maximum(op.gram, 1))[alive], atol=1e-3)
+        assert np.abs(gap.residual).max() > 0.05
+    else:
+        assert np.abs(gap.residual).max() < 1e-3
+        assert np.abs(admm.residual).max() < 1e-3
+    perturbed = gap.x + 0.02 * rng.standard_normal(x.shape)
+    perturbed = perturbed if rho else op.project(perturbed, y)
+    assert objective(start(op, y, perturbed)) > objective(gap)

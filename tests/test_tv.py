@@ -1,0 +1,144 @@
+"""Total variation against scikit-image, and what its memory and its weight along time do."""
+
+import itertools
+
+import numpy as np
+import pytest
+from scipy.ndimage import gaussian_filter
+from skimage.restoration import denoise_tv_chambolle
+
+from pnp_sci.errors import InputError
+from priors.tv import SETTLE, TIME_BEFORE, TV, time_weights
+
+
+def steps_and_noise(shape, dtype=np.float64):
+    """Rectangles with noise of standard deviation 0.1."""
+    rng = np.random.default_rng(0)
+    x = np.zeros(shape)
+    for view in x:
+        for k, frame in enumerate(view):
+            frame[shape[2] // 4 : shape[2] // 2, shape[3] // 4 + k : shape[3] * 3 // 4] = 1
+    return (x + 0.1 * rng.standard_normal(shape)).astype(dtype)
+
+
+@pytest.mark.parametrize("weight", [0.02, 0.1, 0.2])
+@pytest.mark.parametrize("shape", [(2, 2, 70, 45), (1, 1, 33, 5)], ids=str)
+def test_frames_agree_with_scikit_image(shape, weight):
+    """Both run to convergence; the frames span several bands of rows, the unit of parallel work."""
+    x = steps_and_noise(shape)
+    ours = TV(inner=3000, time=0)(x, weight)
+    for view, denoised in zip(x, ours):
+        for frame, out in zip(view, denoised):
+            theirs = denoise_tv_chambolle(frame, weight, eps=0, max_num_iter=3000)
+            np.testing.assert_allclose(out, theirs, atol=1e-3)
+
+
+def test_volumes_agree_with_scikit_image():
+    x = steps_and_noise((2, 5, 40, 21))
+    ours = TV(inner=3000, time=1)(x, 0.1)
+    for view, out in zip(x, ours):
+        np.testing.assert_allclose(out, denoise_tv_chambolle(view, 0.1, eps=0, max_num_iter=3000), atol=1e-3)
+
+
+def differences(x, time):
+    """Forward differences along time, rows and columns, 0 at the end: (3, V, B, H, W)."""
+    return np.stack([s * np.diff(x, axis=a, append=np.take(x, [-1], a)) for a, s in ((1, time), (2, 1), (3, 1))])
+
+
+@pytest.mark.parametrize("isotropic", [True, False])
+@pytest.mark.parametrize("time", [0.0, 0.3, 1.5])
+def test_minimises_its_objective(isotropic, time):
+    """No small change lowers ``||x - v||^2 / (2 w) + TV(x)``, written out in numpy."""
+    v = steps_and_noise((1, 3, 20, 18))
+    x = TV(inner=4000, time=time, isotropic=isotropic)(v, 0.1)
+
+    def objective(x):
+        d = differences(x, time)
+        return ((x - v) ** 2).sum() / 0.2 + (np.sqrt((d**2).sum(0)) if isotropic else np.abs(d).sum(0)).sum()
+
+    rng = np.random.default_rng(1)
+    best = objective(x)
+    for size in (1e-1, 1e-2, 1e-3):
+        for direction in (v - x, x.mean() - x, rng.standard_normal(x.shape), rng.standard_normal((1, 3, 1, 1)) + 0 * x):
+            assert objective(x + size * direction) > best - 1e-6 * best
+            assert objective(x - size * direction) > best - 1e-6 * best
+
+
+@pytest.mark.parametrize("time", [0, 0.3])
+def test_many_short_calls_are_one_long_call(time):
+    """The dual variable is kept: a hundred calls of two steps do what one of two hundred does."""
+    x = steps_and_noise((2, 3, 40, 20))
+    short, long = TV(inner=2, time=time), TV(inner=200, time=time)
+    for _ in range(100):
+        out = short(x, 0.1)
+    np.testing.assert_allclose(out, long(x, 0.1), atol=1e-10)
+    short.reset()
+    assert np.abs(short(x, 0.1) - out).max() > 1e-3
+
+
+def test_out_may_be_the_input():
+    x = steps_and_noise((2, 3, 40, 20), np.float32)
+    expected = [TV()(x, 0.1), TV(inner=7)(x, 0.1)]
+    for denoise, plain in zip((TV(), TV(inner=7)), expected):
+        v = x.copy()
+        assert denoise(v, 0.1, out=v) is v
+        assert np.array_equal(v, plain)
+
+
+def test_strength_multiplies_sigma():
+    x = steps_and_noise((1, 2, 20, 20))
+    assert np.array_equal(TV(strength=2, inner=9)(x, 0.1), TV(strength=1, inner=9)(x, 0.2))
+
+
+def test_follows_the_scale():
+    x = steps_and_noise((1, 2, 20, 20))
+    np.testing.assert_allclose(TV(inner=9)(1e3 * x, 1e2), 1e3 * TV(inner=9)(x, 0.1), rtol=1e-9)
+
+
+def test_more_noise_smooths_more():
+    x = steps_and_noise((1, 2, 40, 40))
+    variation = [np.abs(differences(TV(inner=300)(x, s), 1)).sum() for s in (0, 0.02, 0.1, 0.5, 2)]
+    assert all(a > b for a, b in itertools.pairwise(variation))
+
+
+def test_frames_are_their_own_without_time():
+    x = steps_and_noise((1, 4, 20, 20))
+    other = x.copy()
+    other[0, 3] = 0
+    apart = TV(time=0), TV(time=0.3)
+    same = [np.array_equal(tv(x, 0.1)[0, :3], (tv.reset(), tv(other, 0.1))[1][0, :3]) for tv in apart]
+    assert same == [True, False]
+
+
+def test_weights_along_time_follow_the_motion():
+    """Large where a textured scene stands still, small where it moves, each view and place for itself."""
+    texture = gaussian_filter(np.random.default_rng(0).random((60, 120)), 3, mode="wrap")
+    still = np.repeat(texture[None], 6, 0)
+    moving = np.stack([np.roll(texture, 5 * k, axis=1) for k in range(6)])
+    assert time_weights(still).min() > 0.6
+    assert time_weights(moving).max() < 0.3
+    half = np.concatenate([still[..., :60], moving[..., 60:]], axis=2)
+    assert time_weights(half)[:, 10].min() > 2 * time_weights(half)[:, -10].max()
+    denoise = TV()
+    for _ in range(SETTLE):
+        before = denoise._weights.copy()
+        denoise(np.stack([still, moving]).astype(np.float32), 0.01)
+    assert np.unique(before) == np.float32(TIME_BEFORE)
+    assert denoise._weights[0].min() > denoise._weights[1].max()
+
+
+@pytest.mark.parametrize(
+    ("options", "message"),
+    [
+        ({"strength": 0}, "strength is 0.*> 0"),
+        ({"strength": float("nan")}, "strength is nan.*> 0"),
+        ({"inner": 0}, "inner is 0.*>= 1"),
+        ({"inner": 1.5}, "inner is 1.5.*whole"),
+        ({"time": -0.1}, "time is -0.1.*auto"),
+        ({"time": "fast"}, "time is 'fast'.*auto"),
+        ({"time": float("inf")}, "time is inf.*>= 0"),
+    ],
+)
+def test_options(options, message):
+    with pytest.raises(InputError, match=message):
+        TV(**options)
