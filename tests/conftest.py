@@ -1,5 +1,6 @@
 """What the tests share: one list of masks and one of priors drive the contracts."""
 
+import os
 from pathlib import Path
 
 import numpy as np
@@ -53,3 +54,12 @@ CLASSICAL = [  # what is smooth already stays as it is
     pytest.param(lambda: Wavelet(wavelet="bior4.4", time=3, levels=5), id="wavelet deep in time"),
 ]
 PRIORS = [*CLASSICAL, _learned(FFDNet, "ffdnet"), _learned(VideoDenoiser, "video")]
+
+
+@pytest.fixture(scope="session")
+def data():
+    """The folder with the data sets of the field; a test that needs it is skipped where there is none."""
+    folder = os.environ.get("PNP_SCI_DATA")
+    if not folder or not (Path(folder) / "dualview").is_dir():
+        pytest.skip("PNP_SCI_DATA names no folder with the data sets")
+    return Path(folder)

@@ -1,0 +1,88 @@
+"""Averages along motion: what a frame lacks, its neighbours may have seen."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+
+from pnp_sci.errors import InputError
+
+from .motion import SMALLEST, Motion, measure
+from .tv import TV
+
+FIRST = 40  # calls of TV alone, until the estimate shows enough for its motion to be seen
+RENEW = 5  # calls between two estimates of the flow
+LIGHT = 0.4  # of sigma: what is left for TV when neighbours help
+
+
+class Flow:
+    """Each frame of a view averaged with its neighbours along their motion, on top of a light total variation.
+
+    The first 40 calls are those of :class:`priors.tv.TV`. Then every fifth call estimates the optical flow from each
+    frame straight to each of its neighbours (never chained: chains drift) and how far to trust it: where the flow there
+    and the flow back do not cancel, or where the warped neighbour differs from the frame, it counts little. Every call
+    denoises lightly by TV and averages each frame with its neighbours, warped onto it, by these weights.
+
+    Parameters
+    ----------
+    neighbours : int
+        Frames either side that help a frame, >= 1.
+    tolerance : float
+        Difference between a frame and its warped neighbour at which the weight falls to 1/e, > 0, in units where x spans
+        [0, 1]; it grows with sigma beyond 0.05.
+    drift : float
+        Distance in pixels between going there and back along the flow at which the weight falls to 1/e, > 0.
+
+    Raises
+    ------
+    InputError
+        If a parameter is out of its range, or x is not (V, B, H, W).
+
+    References
+    ----------
+    T. Kroeger et al., "Fast optical flow using dense inverse search", ECCV 2016.
+    A. Buades, J.-L. Lisani & M. Miladinovic, "Patch-based video denoising with optical flow estimation", TIP 2016.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> x = np.zeros((1, 3, 32, 32), np.float32)
+    >>> Flow()(x, 0.05).shape
+    (1, 3, 32, 32)
+    """
+
+    def __init__(self, neighbours: int = 3, tolerance: float = 0.12, drift: float = 1.5):
+        if int(neighbours) != neighbours or neighbours < 1:
+            raise InputError(f"neighbours is {neighbours}: a whole number >= 1 was expected")
+        for name, value in (("tolerance", tolerance), ("drift", drift)):
+            if not 0 < value < np.inf:
+                raise InputError(f"{name} is {value}: a number > 0 was expected")
+        self.neighbours, self.tolerance, self.drift = int(neighbours), float(tolerance), float(drift)
+        self._before, self._beside = TV(), TV(time=0, inner=3)
+        self.reset()
+
+    def __repr__(self) -> str:
+        return f"Flow(neighbours={self.neighbours}, tolerance={self.tolerance}, drift={self.drift})"
+
+    def reset(self) -> None:
+        """Forget the flow and what TV keeps: the next call starts a new video."""
+        self._calls = 0
+        self._motion: list[Motion] = []
+        self._before.reset()
+        self._beside.reset()
+
+    def __call__(self, x: Any, sigma: float, out: np.ndarray | None = None) -> np.ndarray:
+        """Denoise x (V, B, H, W), values about [0, 1]; see :class:`priors.tv.TV` for the arguments."""
+        self._calls += 1
+        small = min(np.shape(x)[-2:]) < SMALLEST or np.shape(x)[1] < 2
+        if self._calls <= FIRST or small or sigma == 0:
+            return self._before(x, sigma, out)
+        v = self._beside(x, LIGHT * sigma)
+        if (self._calls - FIRST) % RENEW == 1 or not self._motion:
+            tolerance = self.tolerance * max(1.0, sigma / 0.05)
+            self._motion = [measure(view, self.neighbours, tolerance, self.drift) for view in v]
+        out = np.empty_like(v) if out is None else out
+        for view, seen, averaged in zip(v, self._motion, out):
+            seen.average(view, averaged)
+        return out

@@ -1,0 +1,94 @@
+"""Where each pixel of a view goes from frame to frame, and how far to believe it."""
+
+from __future__ import annotations
+
+import threading
+from concurrent.futures import ThreadPoolExecutor
+from dataclasses import dataclass
+from functools import cache
+
+import numpy as np
+
+from . import _flow_kernels as kernels
+
+SMALLEST = 32  # pixels a side that optical flow needs
+BLUR = 0.7  # pixels: of the pictures that flow is estimated from
+
+
+@dataclass(frozen=True, eq=False)
+class Motion:
+    """The flow between near frames of one view and the weights for averaging along it.
+
+    Attributes
+    ----------
+    pairs : ndarray of int, (P, 2)
+        Frames (b, n): n helps b. Sorted; those of frame b are ``pairs[first[b]:first[b + 1]]``.
+    first : ndarray of int, (B + 1,)
+    flow : ndarray of int16, (P, H, W, 2)
+        Columns and rows from a pixel of frame b to its place in frame n, in 64ths of a pixel.
+    weights : ndarray of uint8, (P, H, W)
+        What n counts for b, 255 being as much as b itself.
+    """
+
+    pairs: np.ndarray
+    first: np.ndarray
+    flow: np.ndarray
+    weights: np.ndarray
+
+    def average(self, view: np.ndarray, out: np.ndarray) -> None:
+        """out (B, H, W) <- each frame of view (B, H, W) averaged with its neighbours along their motion."""
+        kernels.average(view, self.flow, self.weights, self.pairs, self.first, out)
+
+
+def measure(view: np.ndarray, neighbours: int, tolerance: float, drift: float) -> Motion:
+    """The motion of a view (B, H, W), values about [0, 1], from each frame to those up to `neighbours` away.
+
+    `tolerance` is the difference, `drift` the distance in pixels between there and back, at which the weight is 1/e.
+    """
+    import cv2
+
+    frames = len(view)
+    near = [(b, n) for b in range(frames) for n in range(frames) if 0 < abs(b - n) <= neighbours]
+    pairs = np.array(near, np.int64)
+    first = np.searchsorted(pairs[:, 0], np.arange(frames + 1)).astype(np.int64)
+    place = {pair: p for p, pair in enumerate(near)}
+    reverse = np.array([place[n, b] for b, n in near], np.int64)
+
+    pictures = [cv2.GaussianBlur(np.clip(f, 0, 1), (0, 0), BLUR) for f in view.astype(np.float32)]
+    pictures = [np.round(255 * p).astype(np.uint8) for p in pictures]
+    flow = np.empty((len(near), *view.shape[1:], 2), np.int16)
+    limit = np.iinfo(np.int16).max
+
+    def estimate(p: int) -> None:
+        b, n = near[p]
+        there = _estimator().calc(pictures[b], pictures[n], None)
+        np.clip(np.rint(kernels.FRACTION * there), -limit, limit, out=there)
+        flow[p] = there
+
+    list(_threads().map(estimate, range(len(near))))
+    trust = np.empty(flow.shape[:3], np.uint8)
+    kernels.consistency(flow, pairs, reverse, drift, trust)
+    weights = np.empty_like(trust)
+    kernels.weigh(view, flow, trust, pairs, view.dtype.type(tolerance), weights)
+    return Motion(pairs, first, flow, weights)
+
+
+@cache
+def _threads() -> ThreadPoolExecutor:
+    import cv2
+    import numba
+
+    cv2.setNumThreads(1)  # one picture is too small to share out; the pairs are not
+    return ThreadPoolExecutor(numba.get_num_threads())
+
+
+_local = threading.local()
+
+
+def _estimator():
+    """Dense inverse search, one for each thread because it keeps buffers."""
+    import cv2
+
+    if not hasattr(_local, "estimator"):
+        _local.estimator = cv2.DISOpticalFlow_create(cv2.DISOPTICAL_FLOW_PRESET_MEDIUM)
+    return _local.estimator
