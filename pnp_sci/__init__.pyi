@@ -2,8 +2,8 @@ from . import datasets as datasets
 from . import io as io
 from . import plot as plot
 from .api import decode as decode
-from .api import make_prior as make_prior
 from .api import solve as solve
+from .arguments import make_prior as make_prior
 from .loop import iterate as iterate
 from .masks import MaskCondition as MaskCondition
 from .masks import condition as condition
@@ -19,6 +19,7 @@ from .result import History as History
 from .result import Record as Record
 from .result import Result as Result
 from .result import Status as Status
+from .scene import SceneModel as SceneModel
 from .simulate import simulate as simulate
 from .solvers import State as State
 from .torch_operator import TorchSensingOperator as TorchSensingOperator

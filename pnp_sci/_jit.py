@@ -27,7 +27,7 @@ def _twin(function: FunctionType, suffix: str) -> FunctionType:
 
 def _reentrant() -> bool:
     try:
-        return numba.threading_layer() != "workqueue"
+        return numba.threading_layer() != "workqueue"  # pyright: ignore[reportPrivateImportUsage]
     except ValueError:  # no parallel kernel has run yet
         return threading.current_thread() is threading.main_thread()
 

@@ -219,16 +219,31 @@ def condition(masks: Any) -> MaskCondition:
         gram_max=float(gram.max()),
         view_correlation=_largest_off_diagonal(_correlations(centred)),
         frame_correlation=max(_largest_off_diagonal(matrix) for matrix in between_frames),
-        separable=bool(np.linalg.eigvalsh(_correlations(scaled))[0] >= _SEPARABLE_FROM),
+        separable=views_are_separable(checked),
     )
+
+
+def views_are_separable(masks: np.ndarray) -> bool:
+    """Whether no view is dark or near a combination of the others, see :attr:`MaskCondition.separable`.
+
+    Takes the masks frame by frame, so that it needs little memory beside them.
+    """
+    largest = max(-float(masks.min()), float(masks.max())) or 1.0
+    frames = ((frame / largest).reshape(len(masks), -1).astype(np.float64) for frame in masks.swapaxes(0, 1))
+    products = sum(np.einsum("vp,wp->vw", frame, frame) for frame in frames)
+    return bool(np.linalg.eigvalsh(_cosines(np.asarray(products), masks[0].size))[0] >= _SEPARABLE_FROM)
 
 
 def _correlations(stacks: np.ndarray) -> np.ndarray:
     """Cosines between the entries of the first axis, (n, n); rows of entries that are all but 0 are 0."""
     flat = stacks.reshape(len(stacks), -1)
-    products = flat @ flat.T
+    return _cosines(flat @ flat.T, flat.shape[1])
+
+
+def _cosines(products: np.ndarray, values: int) -> np.ndarray:
+    """Inner products of vectors of so many values, at most 1, over their lengths; 0 for those all but 0."""
     norms = np.sqrt(np.diagonal(products))
-    norms = np.where(norms > 1e-12 * flat.shape[1] ** 0.5, norms, np.inf)
+    norms = np.where(norms > 1e-12 * values**0.5, norms, np.inf)
     return products / norms[:, None] / norms
 
 

@@ -49,8 +49,8 @@ def require_finite(name: str, array: np.ndarray) -> None:
         bad = ~np.isfinite(array)
         first = tuple(int(i) for i in np.unravel_index(int(np.argmax(bad)), array.shape))
         raise InputError(
-            f"{name} has {int(bad.sum())} values that are NaN or infinite in {array.dtype}, the first at index {first}: "
-            "finite values were expected"
+            f"{name} has {int(bad.sum())} values that are NaN or infinite in {array.dtype}, the first at index "
+            f"{first}: finite values were expected"
         )
 
 
@@ -157,10 +157,11 @@ class SensingOperator:
 
     def linear_operator(self) -> LinearOperator:
         """This operator for :mod:`scipy.sparse.linalg`: vectors are raveled (V, B, H, W) and (H, W) arrays."""
-        from scipy.sparse.linalg import LinearOperator
+        from scipy.sparse import linalg
 
+        make: Any = linalg.LinearOperator  # a factory that type checkers take for an abstract class
         pixels = self.shape[2] * self.shape[3]
-        return LinearOperator(
+        return make(
             (pixels, int(np.prod(self.shape))),
             matvec=lambda x: self.forward(np.reshape(x, self.shape)).ravel(),
             rmatvec=lambda y: self.adjoint(np.reshape(y, self.shape[2:])).ravel(),

@@ -11,6 +11,8 @@ from .errors import InputError, InputTypeError
 from .noise import estimate_noise
 from .operator import SensingOperator, as_masks, require_finite
 
+LOUDEST = 1e6  # noise in units of max |y|: more changes nothing, and its square must stay finite
+
 
 @dataclass(frozen=True, eq=False)
 class Problem:
@@ -64,11 +66,18 @@ def check_operator(masks: Any, y: np.ndarray) -> tuple[SensingOperator, float]:
 
 def pose(op: SensingOperator, largest: float, y: np.ndarray, noise: float | str) -> Problem:
     """The problem for one measurement (H, W); `largest` is what the masks were divided by."""
+    y = y.astype(np.float64)
     height = float(np.abs(y).max()) or 1.0
-    y = y.astype(np.float64) / height
-    sigma = estimate_noise(op, y) if noise == "auto" else float(noise) / height
+    y /= height
+    sigma = estimate_noise(op, y) if noise == "auto" else min(float(noise) / height, LOUDEST)
     unit = brightest(op, y, sigma)
-    return Problem(op, (y / unit).astype(op.dtype), unit * height / largest, sigma / unit)
+    x_unit = unit * height / largest
+    if x_unit > float(np.finfo(op.dtype).max):
+        raise InputError(
+            f"y reaches {height:.3g} and masks {largest:.3g}: their quotient was expected within {op.dtype}"
+            + ("; give y as float64" if op.dtype == np.float32 else "")
+        )
+    return Problem(op, (y / unit).astype(op.dtype), x_unit, sigma / unit)
 
 
 def brightest(op: SensingOperator, y: np.ndarray, noise: float) -> float:

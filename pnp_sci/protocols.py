@@ -18,18 +18,24 @@ class Denoiser(Protocol):
     same units. Returns a new array of the same shape and dtype. Views must not be mixed.
     """
 
-    def __call__(self, x: np.ndarray, sigma: float) -> np.ndarray: ...
+    def __call__(self, x: np.ndarray, sigma: float) -> np.ndarray:
+        """Denoise x (V, B, H, W)."""
+        ...
 
 
 @runtime_checkable
 class Initializer(Protocol):
-    """Gives the solver its first estimate: (V, B, H, W) from a measurement (H, W) in units where x spans about [0, 1]."""
+    """Gives the solver its first estimate, from a measurement in units where x spans about [0, 1]."""
 
-    def __call__(self, op: SensingOperator, y: np.ndarray) -> np.ndarray: ...
+    def __call__(self, op: SensingOperator, y: np.ndarray) -> np.ndarray:
+        """A video (V, B, H, W) from y (H, W)."""
+        ...
 
 
 @runtime_checkable
 class Decoder(Protocol):
-    """Reconstructs on its own: (V, B, H, W) from a measurement (H, W) in units where x spans about [0, 1]."""
+    """Reconstructs on its own, from a measurement in units where x spans about [0, 1]."""
 
-    def __call__(self, op: SensingOperator, y: np.ndarray) -> np.ndarray: ...
+    def __call__(self, op: SensingOperator, y: np.ndarray) -> np.ndarray:
+        """A video (V, B, H, W) from y (H, W)."""
+        ...

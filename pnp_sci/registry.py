@@ -8,6 +8,7 @@ from typing import Any
 
 from .errors import UnknownPluginError
 
+_LEARNED = {"torch", "safetensors"}  # what the extra of this name installs
 _registered: dict[str, dict[str, Any]] = {"priors": {}, "inits": {}, "decoders": {}}
 
 
@@ -43,9 +44,11 @@ def load(kind: str, name: str) -> Any:
 
 
 def _needs(kind: str, name: str, missing: ModuleNotFoundError) -> str:
+    package = str(missing.name).partition(".")[0]
+    wanted = '"pnp-sci[learned]"' if package in _LEARNED else package
     return (
-        f"{kind[:-1]} {name!r} needs the package {missing.name!r}, which is not installed: "
-        'python -m pip install "pnp-sci[learned]"'
+        f"{kind[:-1]} {name!r} needs the module {missing.name!r}, which is not installed: "
+        f"python -m pip install {wanted}"
     )
 
 

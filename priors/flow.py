@@ -13,7 +13,7 @@ from .tv import TV
 
 FIRST = 40  # calls of TV alone, until the estimate shows enough for its motion to be seen
 RENEW = 5  # calls between two estimates of the flow
-LIGHT = 0.4  # of sigma: what is left for TV when neighbours help
+LIGHT = 0.7  # of sigma: what is left for TV when neighbours help
 
 
 class Flow:

@@ -1,4 +1,4 @@
-"""Solvers as pure steps: a state goes in, a state comes out; one loop in :mod:`pnp_sci.api` serves all of them."""
+"""Solvers as pure steps: a state goes in, a state comes out; one loop in :mod:`pnp_sci.loop` serves all of them."""
 
 from .admm import admm_step
 from .gap import gap_step, plain_gap_step

@@ -36,11 +36,13 @@ class State:
 
 
 class Step(Protocol):
-    """One iteration: ``step(op, y, denoise, state, sigma, rho) -> State``; the state that came in stays as it is."""
+    """One iteration of a solver."""
 
     def __call__(
         self, op: SensingOperator, y: np.ndarray, denoise: Denoiser, state: State, sigma: float, rho: float
-    ) -> State: ...
+    ) -> State:
+        """The state after `state`, which stays as it is."""
+        ...
 
 
 def start(op: SensingOperator, y: np.ndarray, x: np.ndarray) -> State:

@@ -1,0 +1,152 @@
+"""What a scene requires: which views hold anything, and whether anything moves."""
+
+from __future__ import annotations
+
+import itertools
+from dataclasses import asdict, dataclass
+from typing import Any
+
+import numpy as np
+
+from .loop import iterate
+from .operator import SensingOperator
+from .problem import level
+from .protocols import Denoiser
+
+DARK = 0.08  # of the brightest view's level: below, a view may be absent
+TILE = 96  # pixels a side of the crop on which models are compared
+HELD_BACK = 0.1  # of the pixels of y, to be predicted
+ITERATIONS = 30  # of the quick estimates
+MARGIN = 1.02  # by which a simple model may predict worse, in squared error beyond the noise
+
+
+@dataclass(frozen=True)
+class SceneModel:
+    """What is modelled of a scene.
+
+    Attributes
+    ----------
+    views : tuple of bool
+        Which views hold anything; the others come out as 0.
+    still : bool
+        Whether one frame per view stands for all of them.
+    reason : str
+        In words.
+    """
+
+    views: tuple[bool, ...]
+    still: bool = False
+    reason: str = "as asked for"
+
+    def reduce(self, op: SensingOperator) -> SensingOperator:
+        """The operator of what is modelled: masks of the views there are, summed over time if nothing moves."""
+        masks = op.masks[np.array(self.views)]
+        if self.still:
+            masks = masks.sum(1, keepdims=True, dtype=op.dtype)
+        return SensingOperator(masks, op.dtype)
+
+    def restrict(self, x: np.ndarray) -> np.ndarray:
+        """Of a video (V, B, H, W), what is modelled."""
+        kept = x[np.array(self.views)]
+        return kept.mean(1, keepdims=True) if self.still else kept
+
+    def expand(self, x: np.ndarray, shape: tuple[int, ...]) -> np.ndarray:
+        """The video (V, B, H, W) of what was modelled."""
+        full = np.zeros(shape, x.dtype)
+        full[np.array(self.views)] = x
+        return full
+
+    def describe(self, op: SensingOperator) -> dict[str, Any]:
+        """For `Result.scene`."""
+        views, frames = op.shape[:2]
+        modelled = sum(self.views) * (1 if self.still else frames)
+        return asdict(self) | {"frames_modelled": modelled, "frames": views * frames}
+
+
+def full(op: SensingOperator, reason: str = "as asked for") -> SceneModel:
+    """Everything is modelled."""
+    return SceneModel((True,) * op.shape[0], False, reason)
+
+
+def judge(op: SensingOperator, y: np.ndarray, noise: float, denoiser: Denoiser) -> SceneModel:
+    """What this measurement requires to be modelled, from the measurement alone.
+
+    Simpler models are tried against the full one: without the views whose level is near 0, and with one frame per view.
+    On the crop where the simple model fits worst a tenth of the pixels of y is held back, both models are estimated
+    quickly from the rest, and the simple one is taken if it predicts what was held back at least as well.
+
+    Parameters
+    ----------
+    op : SensingOperator
+    y : ndarray, (H, W)
+        In units where x spans about [0, 1].
+    noise : float
+        Standard deviation of the noise of y.
+    denoiser : Denoiser
+        For the quick estimates, such as TV.
+    """
+    chosen = full(op, "every view and frame is needed")
+    levels = view_levels(op, y)
+    lit = tuple(bool(v) for v in levels > DARK * levels.max())
+    candidates = []
+    if not all(lit) and any(lit):
+        dark = ", ".join(str(v + 1) for v, on in enumerate(lit) if not on)
+        candidates.append(SceneModel(lit, False, f"view {dark} is dark: y is explained without it"))
+    views = candidates[-1].views if candidates else chosen.views
+    if op.shape[1] > 1:
+        without = candidates[-1].reason + "; " if candidates else ""
+        candidates.append(SceneModel(views, True, without + "nothing moves: one frame per view explains y"))
+    for candidate in candidates:
+        if _predicts_as_well(op, y, noise, denoiser, candidate, chosen):
+            chosen = candidate
+    return chosen
+
+
+def view_levels(op: SensingOperator, y: np.ndarray) -> np.ndarray:
+    """The mean level of each view (V,): least squares of y on the sums of each view's masks, freed of their means.
+
+    The sums differ from pixel to pixel by the random pattern only, which no scene follows, so that the part of y that
+    follows them is the view's own. A constant and both views' common part stay out of it.
+    """
+    from scipy.ndimage import gaussian_filter
+
+    sums = op.masks.sum(1, dtype=np.float64)
+    fine = np.stack([s - gaussian_filter(s, 4, mode="nearest") for s in sums]).reshape(len(sums), -1)
+    detail = (y - gaussian_filter(y.astype(np.float64), 4, mode="nearest")).reshape(-1)
+    return np.abs(np.linalg.lstsq(fine.T, detail, rcond=None)[0])
+
+
+def _predicts_as_well(
+    op: SensingOperator, y: np.ndarray, noise: float, denoiser: Denoiser, simple: SceneModel, other: SceneModel
+) -> bool:
+    """Whether the simple model predicts pixels of y held back as well as the other one, where it has most trouble."""
+    seen = np.random.default_rng(0).random(y.shape) >= HELD_BACK
+    error = _prediction_error(simple.reduce(op), y, seen, noise, denoiser)
+    crop = _worst_tile(error**2)
+    held = ~seen[crop]
+    if not held.any():
+        return False
+    part = SensingOperator(op.masks[(..., *crop)], op.dtype)
+    squares = [
+        float(np.mean(_prediction_error(m.reduce(part), y[crop], seen[crop], noise, denoiser)[held] ** 2)) - noise**2
+        for m in (simple, other)
+    ]
+    return squares[0] <= MARGIN * max(squares[1], 0.0)
+
+
+def _prediction_error(
+    op: SensingOperator, y: np.ndarray, seen: np.ndarray, noise: float, denoiser: Denoiser
+) -> np.ndarray:
+    """y - Phi x (H, W) for an x estimated from the pixels of y that are seen."""
+    partial = SensingOperator(op.masks * seen.astype(op.masks.dtype), op.dtype)
+    states = iterate(partial, y * seen, denoiser, level(op, y * seen), noise=noise)
+    last = next(itertools.islice(states, ITERATIONS, None))
+    return y - op.forward(last.x)
+
+
+def _worst_tile(error: np.ndarray) -> tuple[slice, slice]:
+    """The tile of TILE x TILE pixels (or the whole of a smaller side) with the largest sum of errors."""
+    rows, columns = (min(TILE, n) for n in error.shape)
+    tops, lefts = (range(0, n - t + 1, max(t // 2, 1)) for n, t in zip(error.shape, (rows, columns)))
+    top, left = max(itertools.product(tops, lefts), key=lambda c: error[c[0] : c[0] + rows, c[1] : c[1] + columns].sum())
+    return slice(top, top + rows), slice(left, left + columns)
