@@ -1,6 +1,6 @@
 """The operator's fused projection beside the numpy formula and a plain in-place pass; memory and growth of solve().
 
-    python benchmarks/operator_speed.py
+python benchmarks/operator_speed.py
 """
 
 import resource
@@ -53,7 +53,8 @@ def projection():
     median = {name: statistics.median(s) for name, s in seconds.items()}
     for name, value in median.items():
         print(f"{name:9} {1000 * value:7.2f} ms ({1000 * min(seconds[name]):.2f} ... {1000 * max(seconds[name]):.2f})")
-    print(f"numpy / fused {median['numpy'] / median['fused']:.1f}, fused / in place {median['fused'] / median['in place']:.2f}")
+    speed, cost = median["numpy"] / median["fused"], median["fused"] / median["in place"]
+    print(f"numpy / fused {speed:.1f}, fused / in place {cost:.2f}")
 
 
 def memory():
@@ -81,7 +82,8 @@ def growth():
         pnp_sci.solve(y, masks, iterations=1)
         records = pnp_sci.solve(y, masks, iterations=12, tol=0).history["seconds"]
         per_iteration = statistics.median(np.diff(records))
-        print(f"{side:5} x {side}: {1000 * per_iteration:8.2f} ms an iteration, {1e9 * per_iteration / side**2:.1f} ns a pixel")
+        per_pixel = 1e9 * per_iteration / side**2
+        print(f"{side:5} x {side}: {1000 * per_iteration:8.2f} ms an iteration, {per_pixel:.1f} ns a pixel")
 
 
 if __name__ == "__main__":

@@ -54,9 +54,11 @@ def main():
         ratios.append(ratio)
         for view, peer in enumerate(PEERS[pair]):
             name = pair.split("_")[view]
-            print(f"{name:10} ours {psnr[view]:.2f} dB, reference loop {psnr_other[view]:.2f}, peers' script {peer:.2f}")
+            print(f"{name:10} ours {psnr[view]:.2f} dB, loop {psnr_other[view]:.2f}, peers' script {peer:.2f}")
         spread = f"{min(ours):.3f} ... {max(ours):.3f}"
-        print(f"  {statistics.median(ours):.3f} s ({spread}), reference {statistics.median(theirs):.3f} s: {ratio:.3f} of it")
+        print(
+            f"  {statistics.median(ours):.3f} s ({spread}), loop {statistics.median(theirs):.3f} s: ratio {ratio:.3f}"
+        )
     print(f"average {np.mean(scores):.2f} dB; time {statistics.median(ratios):.3f} of the reference loop's")
 
 

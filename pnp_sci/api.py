@@ -60,8 +60,8 @@ def solve(
     masks : array_like, (V, B, H, W) or (B, H, W), or SensingOperator
         Transmission of the mask for each view and frame, any real values; 3-D masks mean one view.
     prior : str, callable, torch.nn.Module, or sequence of (prior, iterations)
-        A name (``pnp-sci priors`` lists them) or "auto"; names joined by "+" work together; a callable ``(x, sigma)``; a sequence
-        runs its members one after the other, such as ``[("tv", 60), ("wavelet", 20)]``.
+        A name (``pnp-sci priors`` lists them) or "auto"; names joined by "+" work together; a callable ``(x, sigma)``;
+        a sequence runs its members one after the other, such as ``[("tv", 60), ("wavelet", 20)]``.
     init : str, array_like (V, B, H, W), or callable
         The first estimate: "adjoint", an installed initialiser, or a video in the units of the result.
     algorithm : "gap", "plain-gap" or "admm"
@@ -154,12 +154,10 @@ def solve(
             x = model.restrict(first_estimate(init, problem))
             states = iterate(reduced, problem.y, denoiser, x, algorithm=algorithm, noise=problem.noise, sigma=sigma)
 
-            def score(x: np.ndarray, n: int = n, model: SceneModel = model, unit: float = problem.unit) -> float:
-                return truth.psnr(model.expand(x, op.shape) * unit, n)
+            def score(x: np.ndarray, n: int = n, model: SceneModel = model, unit: float = problem.unit):
+                return truth.psnr(model.expand(x, op.shape), n, unit) if truth else None
 
-            state, status, course = run(
-                states, problem.y, Limits(most, tol, deadline), observe, score if truth else None
-            )
+            state, status, course = run(states, problem.y, Limits(most, tol, deadline), observe, score)
             x = model.expand(state.x, op.shape)
             videos[n] = x if np.isfinite(x).all() else 0
             videos[n] *= op.dtype.type(problem.unit)

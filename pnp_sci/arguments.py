@@ -83,9 +83,9 @@ class Reference:
         self.white = float(np.iinfo(array.dtype).max) if array.dtype.kind in "iu" else 1.0
         self.array = array.reshape(shape)
 
-    def psnr(self, x: np.ndarray, n: int) -> float:
-        """Mean over the views, of measurement n."""
-        return float(np.mean(psnr(x / self.white, self.array[n] / self.white)))
+    def psnr(self, x: np.ndarray, n: int, unit: float = 1.0) -> float:
+        """Mean over the views of measurement n, for x in so many of the reference's units."""
+        return float(np.mean(psnr(x * unit / self.white, self.array[n] / self.white)))
 
     def ssim(self, x: np.ndarray, n: int) -> float:
         """Mean over the views, of measurement n."""

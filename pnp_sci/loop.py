@@ -57,7 +57,7 @@ def iterate(
     >>> import itertools
     >>> import numpy as np, pnp_sci
     >>> op = pnp_sci.SensingOperator(np.ones((1, 2, 8, 8)))
-    >>> states = iterate(op, np.ones((8, 8)), lambda x, sigma: x, np.zeros((1, 2, 8, 8)))
+    >>> states = iterate(op, np.ones((8, 8)), lambda x, sigma: x, np.zeros(op.shape), algorithm="plain-gap")
     >>> [float(abs(s.residual).max()) for s in itertools.islice(states, 2)]
     [1.0, 0.0]
     """
@@ -94,7 +94,7 @@ def run(
     y: np.ndarray,
     limits: Limits,
     observe: Callable[[State, Record], bool],
-    psnr: Callable[[np.ndarray], float] | None = None,
+    psnr: Callable[[np.ndarray], float | None] | None = None,
 ) -> tuple[State, Status, list[Record]]:
     """Take states until a limit is met, the observer asks to stop, or the guard sees a failure.
 

@@ -97,7 +97,7 @@ def consistency(flow, pairs, reverse, tolerance, trust):
 def weigh(v, flow, trust, pairs, tolerance, weights):
     """weights[p] <- trust[p] exp(-z) for each pair (b, n) of frames of v (B, H, W), as uint8.
 
-    z is the squared difference of frame n, warped, from frame b, smoothed, over tolerance^2. (exp(z) by its first terms.)
+    z is the squared difference of frame n, warped, from frame b, smoothed, over tolerance^2; exp(z) by its first terms.
     """
     rows, columns = v.shape[1:]
     one, half, sixth = v.dtype.type(1), v.dtype.type(1 / 2), v.dtype.type(1 / 6)

@@ -2,8 +2,8 @@
 
 The dual field p holds one video of forward differences per axis; it vanishes on the last row, column and frame, so that
 its divergence needs no special case there. A step takes a band of rows of one view through the frames: the primal
-variable of frame k + 1 is made from the old p just before frame k of p is renewed, so each value is read once. The first
-row of every band is made beforehand: the band above needs it, and p may have changed by then.
+variable of frame k + 1 is made from the old p just before frame k of p is renewed, so each value is read once. The
+first row of every band is made beforehand: the band above needs it, and p may have changed by then.
 """
 
 import numba

@@ -13,24 +13,23 @@ from .tv import TV
 
 FIRST = 40  # calls of TV alone, until the estimate shows enough for its motion to be seen
 RENEW = 5  # calls between two estimates of the flow
-LIGHT = 0.7  # of sigma: what is left for TV when neighbours help
+FAINT = 1e-4  # of the range of x: smaller differences than that are not worth an average
 
 
 class Flow:
-    """Each frame of a view averaged with its neighbours along their motion, on top of a light total variation.
+    """Each frame of a view averaged with its neighbours along their motion, on top of total variation.
 
     The first 40 calls are those of :class:`priors.tv.TV`. Then every fifth call estimates the optical flow from each
     frame straight to each of its neighbours (never chained: chains drift) and how far to trust it: where the flow there
     and the flow back do not cancel, or where the warped neighbour differs from the frame, it counts little. Every call
-    denoises lightly by TV and averages each frame with its neighbours, warped onto it, by these weights.
+    denoises by TV, frame by frame, and averages each frame with its neighbours, warped onto it, by these weights.
 
     Parameters
     ----------
     neighbours : int
         Frames either side that help a frame, >= 1.
     tolerance : float
-        Difference between a frame and its warped neighbour at which the weight falls to 1/e, > 0, in units where x spans
-        [0, 1]; it grows with sigma beyond 0.05.
+        Difference between a frame and its warped neighbour at which the weight falls to 1/e, > 0, in units of sigma.
     drift : float
         Distance in pixels between going there and back along the flow at which the weight falls to 1/e, > 0.
 
@@ -52,7 +51,7 @@ class Flow:
     (1, 3, 32, 32)
     """
 
-    def __init__(self, neighbours: int = 3, tolerance: float = 0.12, drift: float = 1.5):
+    def __init__(self, neighbours: int = 3, tolerance: float = 2.2, drift: float = 1.5):
         if int(neighbours) != neighbours or neighbours < 1:
             raise InputError(f"neighbours is {neighbours}: a whole number >= 1 was expected")
         for name, value in (("tolerance", tolerance), ("drift", drift)):
@@ -76,12 +75,11 @@ class Flow:
         """Denoise x (V, B, H, W), values about [0, 1]; see :class:`priors.tv.TV` for the arguments."""
         self._calls += 1
         small = min(np.shape(x)[-2:]) < SMALLEST or np.shape(x)[1] < 2
-        if self._calls <= FIRST or small or sigma == 0:
+        if self._calls <= FIRST or small or self.tolerance * sigma < FAINT:
             return self._before(x, sigma, out)
-        v = self._beside(x, LIGHT * sigma)
+        v = self._beside(x, sigma)
         if (self._calls - FIRST) % RENEW == 1 or not self._motion:
-            tolerance = self.tolerance * max(1.0, sigma / 0.05)
-            self._motion = [measure(view, self.neighbours, tolerance, self.drift) for view in v]
+            self._motion = [measure(view, self.neighbours, self.tolerance * sigma, self.drift) for view in v]
         out = np.empty_like(v) if out is None else out
         for view, seen, averaged in zip(v, self._motion, out):
             seen.average(view, averaged)

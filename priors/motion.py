@@ -61,7 +61,7 @@ def measure(view: np.ndarray, neighbours: int, tolerance: float, drift: float) -
 
     def estimate(p: int) -> None:
         b, n = near[p]
-        there = _estimator().calc(pictures[b], pictures[n], None)
+        there = _estimator().calc(pictures[b], pictures[n], None)  # type: ignore[call-overload, arg-type]
         np.clip(np.rint(kernels.FRACTION * there), -limit, limit, out=there)
         flow[p] = there
 
@@ -90,5 +90,5 @@ def _estimator():
     import cv2
 
     if not hasattr(_local, "estimator"):
-        _local.estimator = cv2.DISOpticalFlow_create(cv2.DISOPTICAL_FLOW_PRESET_MEDIUM)
+        _local.estimator = cv2.DISOpticalFlow.create(cv2.DISOPTICAL_FLOW_PRESET_MEDIUM)
     return _local.estimator

@@ -9,6 +9,7 @@ from hypothesis import settings
 
 import priors
 from priors.ffdnet import FFDNet
+from priors.flow import Flow
 from priors.tv import TV
 from priors.video import VideoDenoiser
 from priors.wavelet import Wavelet
@@ -53,7 +54,7 @@ CLASSICAL = [  # what is smooth already stays as it is
     pytest.param(lambda: Wavelet(wavelet="haar", time=0, shifts=2), id="haar frame by frame"),
     pytest.param(lambda: Wavelet(wavelet="bior4.4", time=3, levels=5), id="wavelet deep in time"),
 ]
-PRIORS = [*CLASSICAL, _learned(FFDNet, "ffdnet"), _learned(VideoDenoiser, "video")]
+PRIORS = [*CLASSICAL, pytest.param(Flow, id="flow"), _learned(FFDNet, "ffdnet"), _learned(VideoDenoiser, "video")]
 
 
 @pytest.fixture(scope="session")

@@ -1,0 +1,92 @@
+"""The flow prior sees motion, helps where it can and keeps away where it cannot."""
+
+import numpy as np
+import pytest
+
+import pnp_sci
+from pnp_sci import datasets
+from pnp_sci.errors import InputError
+from priors import flow
+from priors.flow import Flow
+from priors.motion import measure
+from priors.tv import TV
+
+
+@pytest.fixture(scope="module")
+def moving():
+    """A textured picture that moves by (1, 2) pixels a frame: (1, 7, 96, 96)."""
+    picture = datasets.embedded_scene(128).truth[0, 0]
+    frames = [np.roll(picture, (b, 2 * b), (0, 1))[14:110, 14:110] for b in range(7)]
+    return np.stack(frames)[None].astype(np.float32)
+
+
+def test_the_flow_is_that_of_the_scene(moving):
+    motion = measure(moving[0], neighbours=2, tolerance=0.1, drift=1.5)
+    for (b, n), field in zip(motion.pairs, motion.flow / 64):
+        np.testing.assert_allclose(np.median(field, axis=(0, 1)), (2 * (n - b), n - b), atol=0.1)
+
+
+def test_averaging_along_motion_keeps_the_scene_and_lowers_noise(moving):
+    rng = np.random.default_rng(0)
+    motion = measure(moving[0], neighbours=3, tolerance=0.2, drift=1.5)
+    same, less = np.empty_like(moving[0]), np.empty_like(moving[0])
+    motion.average(moving[0], same)
+    inner = (slice(None), slice(16, -16), slice(16, -16))
+    assert np.sqrt(np.mean((same - moving[0])[inner] ** 2)) < 0.02
+    noise = 0.05 * rng.standard_normal(moving[0].shape).astype(np.float32)
+    motion.average(moving[0] + noise, less)
+    assert np.std((less - same)[inner]) < 0.6 * np.std(noise)
+
+
+def test_strangers_do_not_help():
+    """Frames without anything in common are left alone."""
+    frames = np.random.default_rng(0).random((3, 64, 64)).astype(np.float32)
+    motion = measure(frames, neighbours=2, tolerance=0.05, drift=1.5)
+    assert motion.weights.mean() < 2.55
+
+
+@pytest.mark.parametrize(("view", "at_least"), [(0, 1.0), (1, 0.0)])
+def test_better_than_tv_in_the_solver(view, at_least):
+    scene = datasets.embedded_scene(128)
+    plain = pnp_sci.psnr(pnp_sci.solve(scene.y, scene.masks, "tv").x, scene.truth)
+    aided = pnp_sci.psnr(pnp_sci.solve(scene.y, scene.masks, "flow").x, scene.truth)
+    assert aided[view] > plain[view] + at_least
+
+
+def test_benchmark_pair(data):
+    scene = datasets.dualview("hike_hockey")
+    psnr = pnp_sci.psnr(pnp_sci.solve(scene.y, scene.masks, "flow").x, scene.truth)
+    assert psnr.mean() > 25.5
+
+
+def test_begins_as_tv(moving):
+    flow_prior, tv = Flow(), TV()
+    np.testing.assert_array_equal(flow_prior(moving, 0.05), tv(moving, 0.05))
+
+
+def test_views_do_not_mix_once_motion_is_used(moving):
+    """The contract of all priors sees the first calls only."""
+    other = moving[:, ::-1]
+    first, second = Flow(), Flow()
+    for _ in range(flow.FIRST + 2):
+        a = first(np.concatenate([moving, moving]), 0.05)
+        b = second(np.concatenate([moving, other]), 0.05)
+    np.testing.assert_array_equal(a[0], b[0])
+    assert not np.array_equal(a[1], b[1])
+
+
+@pytest.mark.parametrize("sigma", [1e-9, 1e-4, 1e3])
+def test_any_sigma_once_motion_is_used(moving, sigma):
+    prior = Flow()
+    for _ in range(flow.FIRST):
+        prior(moving, sigma)
+    after = prior(moving, sigma)
+    assert np.isfinite(after).all()
+    if sigma < 1e-3:
+        np.testing.assert_allclose(after, moving, atol=20 * sigma)
+
+
+@pytest.mark.parametrize("option", [{"neighbours": 0}, {"neighbours": 1.5}, {"tolerance": 0}, {"drift": -1}])
+def test_errors_name_the_option(option):
+    with pytest.raises(InputError, match=next(iter(option))):
+        Flow(**option)

@@ -1,0 +1,72 @@
+"""What is modelled follows what the scene requires."""
+
+import numpy as np
+import pytest
+
+import pnp_sci
+from pnp_sci import SceneModel, datasets, solve
+from pnp_sci.errors import InputError
+
+
+@pytest.fixture(scope="module")
+def scene():
+    return datasets.embedded_scene(128)
+
+
+@pytest.fixture(scope="module")
+def still(scene):
+    return np.repeat(scene.truth[:, :1], scene.truth.shape[1], axis=1)
+
+
+def psnr(result, truth):
+    return float(np.mean(pnp_sci.psnr(result.x, truth)))
+
+
+def test_a_moving_scene_is_modelled_in_full(scene):
+    result = solve(scene.y, scene.masks, iterations=2)
+    assert result.scene["views"] == (True, True)
+    assert not result.scene["still"]
+    assert result.scene["frames_modelled"] == result.scene["frames"] == 20
+
+
+def test_a_still_scene_needs_one_frame_a_view(scene, still):
+    y = pnp_sci.simulate(still, scene.masks)
+    auto, full = solve(y, scene.masks), solve(y, scene.masks, scene="full")
+    assert auto.scene["still"]
+    assert auto.scene["frames_modelled"] == 2
+    assert (auto.x == auto.x[:, :1]).all()
+    assert psnr(auto, still) > psnr(full, still) + 2
+
+
+def test_a_dark_view_is_dropped(scene):
+    truth = scene.truth.copy()
+    truth[1] = 0
+    y = pnp_sci.simulate(truth, scene.masks)
+    auto, full = solve(y, scene.masks), solve(y, scene.masks, scene="full")
+    assert auto.scene["views"] == (True, False)
+    assert "view 2 is dark" in auto.scene["reason"]
+    assert not auto.x[1].any()
+    assert pnp_sci.psnr(auto.x, truth)[0] > pnp_sci.psnr(full.x, truth)[0] + 0.5
+
+
+def test_several_measurements_are_judged_apart(scene, still):
+    y = np.stack([scene.y, pnp_sci.simulate(still, scene.masks)])
+    judged = solve(y, scene.masks, iterations=2).scene["measurements"]
+    assert [s["still"] for s in judged] == [False, True]
+
+
+def test_a_model_by_hand(scene):
+    result = solve(scene.y, scene.masks, scene=SceneModel((True, False)), iterations=5)
+    assert not result.x[1].any()
+    assert result.x[0].any()
+
+
+@pytest.mark.parametrize("bad", ["half", 3, SceneModel((True,)), SceneModel((False, False))])
+def test_errors_name_the_scene(scene, bad):
+    with pytest.raises(InputError, match="scene"):
+        solve(scene.y, scene.masks, scene=bad)
+
+
+@pytest.mark.parametrize("value", [0.0, 1.0])
+def test_empty_scenes_have_a_model(scene, value):
+    assert np.isfinite(solve(np.full_like(scene.y, value), scene.masks).x).all()
