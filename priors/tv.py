@@ -9,6 +9,7 @@ import numpy as np
 
 from pnp_sci.errors import InputError
 
+NOTHING = 1e-12  # a weight that changes no digit of values about 1, and whose inverse would overflow further down
 SETTLE = 40  # calls after which the estimate shows what moves
 TRUSTED = 0.06  # largest sigma at which changes along time are taken for motion; with more they are mostly noise
 TIME_BEFORE = 0.1  # weight along time until then: the best single value for moving clips and the benchmark alike
@@ -100,7 +101,7 @@ class TV:
             raise InputError(f"sigma is {sigma}: a number >= 0 was expected")
         out = np.empty_like(v) if out is None else out
         weight = v.dtype.type(self.strength * sigma)
-        if not np.isfinite(1 / weight if weight else np.inf):
+        if weight < NOTHING:
             np.copyto(out, v)
             return out
         self._prepare(v)
