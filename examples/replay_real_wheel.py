@@ -11,7 +11,7 @@ from pnp_sci.masks import condition
 arguments = argparse.ArgumentParser(description=__doc__)
 arguments.add_argument("--small", action="store_true", help="10 iterations")
 arguments.add_argument("--out", type=Path, default=Path("out"), help="folder for the picture and the film")
-arguments.add_argument("--prior", default="tv")
+arguments.add_argument("--prior", default="auto")
 options = arguments.parse_args()
 options.out.mkdir(parents=True, exist_ok=True)
 

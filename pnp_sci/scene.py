@@ -39,8 +39,15 @@ class SceneModel:
     still: bool = False
     reason: str = "as asked for"
 
+    @property
+    def complete(self) -> bool:
+        """Whether every view and frame is modelled; then nothing is copied."""
+        return all(self.views) and not self.still
+
     def reduce(self, op: SensingOperator) -> SensingOperator:
         """The operator of what is modelled: masks of the views there are, summed over time if nothing moves."""
+        if self.complete:
+            return op
         masks = op.masks[np.array(self.views)]
         if self.still:
             masks = masks.sum(1, keepdims=True, dtype=op.dtype)
@@ -48,11 +55,15 @@ class SceneModel:
 
     def restrict(self, x: np.ndarray) -> np.ndarray:
         """Of a video (V, B, H, W), what is modelled."""
+        if self.complete:
+            return x
         kept = x[np.array(self.views)]
         return kept.mean(1, keepdims=True) if self.still else kept
 
     def expand(self, x: np.ndarray, shape: tuple[int, ...]) -> np.ndarray:
         """The video (V, B, H, W) of what was modelled."""
+        if self.complete:
+            return x
         full = np.zeros(shape, x.dtype)
         full[np.array(self.views)] = x
         return full
