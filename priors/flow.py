@@ -13,13 +13,14 @@ from .tv import TV
 
 FIRST = 40  # calls of TV alone, until the estimate shows enough for its motion to be seen
 RENEW = 5  # calls between two estimates of the flow
+LOUD = 0.2  # sigma above which noise hides the motion: measured, flow helps at 0.13 (noise 0.05 of max y), harms at 0.5
 FAINT = 1e-4  # of the range of x: smaller differences than that are not worth an average
 
 
 class Flow:
     """Each frame of a view averaged with its neighbours along their motion, on top of total variation.
 
-    The first 40 calls are those of :class:`priors.tv.TV`. Then every fifth call estimates the optical flow from each
+    The first 40 calls are those of :class:`priors.tv.TV`, and so are all with a sigma above 0.2. Then every fifth call estimates the optical flow from each
     frame straight to each of its neighbours (never chained: chains drift) and how far to trust it: where the flow there
     and the flow back do not cancel, or where the warped neighbour differs from the frame, it counts little. Every call
     denoises by TV, frame by frame, and averages each frame with its neighbours, warped onto it, by these weights.
@@ -75,7 +76,7 @@ class Flow:
         """Denoise x (V, B, H, W), values about [0, 1]; see :class:`priors.tv.TV` for the arguments."""
         self._calls += 1
         small = min(np.shape(x)[-2:]) < SMALLEST or np.shape(x)[1] < 2
-        if self._calls <= FIRST or small or self.tolerance * sigma < FAINT:
+        if self._calls <= FIRST or small or sigma > LOUD or self.tolerance * sigma < FAINT:
             return self._before(x, sigma, out)
         v = self._beside(x, sigma)
         if (self._calls - FIRST) % RENEW == 1 or not self._motion:
