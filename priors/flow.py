@@ -20,7 +20,8 @@ FAINT = 1e-4  # of the range of x: smaller differences than that are not worth a
 class Flow:
     """Each frame of a view averaged with its neighbours along their motion, on top of total variation.
 
-    The first 40 calls are those of :class:`priors.tv.TV`, and so are all with a sigma above 0.2. Then every fifth call estimates the optical flow from each
+    The first 40 calls are those of :class:`priors.tv.TV`,
+    and so are all with a sigma above 0.2. Then every fifth call estimates the optical flow from each
     frame straight to each of its neighbours (never chained: chains drift) and how far to trust it: where the flow there
     and the flow back do not cancel, or where the warped neighbour differs from the frame, it counts little. Every call
     denoises by TV, frame by frame, and averages each frame with its neighbours, warped onto it, by these weights.
