@@ -84,7 +84,8 @@ def brightest(op: SensingOperator, y: np.ndarray, noise: float) -> float:
     """About the largest value of the video, from the measurement: the unit in which it spans [0, 1].
 
     Where the masks have one sign, y over their sum is a mean of the video; both are smoothed over some 3 pixels against
-    noise, and the quantile 0.999 is taken: 0.7 to 1.0 of the true one on clips of the training set. Where the masks
+    noise, and the quantile 0.999 is taken: 0.7 to 1.0 of the true one on clips of the training set, the
+    benchmark pairs and single-view sets alike. Where the masks
     cancel each other, the unit is that in which y has the energy it has on average over videos of mean 1/2 and standard
     deviation 1/4: ``mean(y^2) = mean(S^2 / 4 + gram / 16)``, S being the sum of the masks.
     """

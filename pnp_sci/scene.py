@@ -100,17 +100,16 @@ def judge(op: SensingOperator, y: np.ndarray, noise: float, denoiser: Denoiser) 
     chosen = full(op, "every view and frame is needed")
     levels = view_levels(op, y)
     lit = tuple(bool(v) for v in levels > DARK * levels.max())
-    candidates = []
     if not all(lit) and any(lit):
         dark = ", ".join(str(v + 1) for v, on in enumerate(lit) if not on)
-        candidates.append(SceneModel(lit, False, f"view {dark} is dark: y is explained without it"))
-    views = candidates[-1].views if candidates else chosen.views
+        without = SceneModel(lit, False, f"view {dark} is dark: y is explained without it")
+        if _predicts_better(op, y, noise, denoiser, without, chosen):
+            chosen = without
     if op.shape[1] > 1:
-        without = candidates[-1].reason + "; " if candidates else ""
-        candidates.append(SceneModel(views, True, without + "nothing moves: one frame per view explains y"))
-    for candidate in candidates:
-        if _predicts_better(op, y, noise, denoiser, candidate, chosen):
-            chosen = candidate
+        so_far = "" if chosen.complete else chosen.reason + "; "
+        still = SceneModel(chosen.views, True, so_far + "nothing moves: one frame per view explains y")
+        if _predicts_better(op, y, noise, denoiser, still, chosen):
+            chosen = still
     return chosen
 
 
@@ -143,7 +142,7 @@ def _predicts_better(
         float(np.mean(_prediction_error(m.reduce(part), y[crop], seen[crop], noise, denoiser)[held] ** 2)) - noise**2
         for m in (simple, other)
     ]
-    return squares[0] <= CLEARLY * squares[1]
+    return squares[1] > 0 and squares[0] <= CLEARLY * squares[1]  # below 0 both are noise, and tell nothing
 
 
 def _prediction_error(
