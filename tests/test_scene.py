@@ -70,3 +70,11 @@ def test_errors_name_the_scene(scene, bad):
 @pytest.mark.parametrize("value", [0.0, 1.0])
 def test_empty_scenes_have_a_model(scene, value):
     assert np.isfinite(solve(np.full_like(scene.y, value), scene.masks).x).all()
+
+
+def test_a_view_that_is_not_dropped_stays_in_the_still_model(monkeypatch, scene):
+    """A dim second view passes for dark by its level; if y says otherwise it must not vanish by the back door."""
+    truth = scene.truth * np.array([1, 0.01], np.float32)[:, None, None, None]
+    y = pnp_sci.simulate(truth, scene.masks)
+    monkeypatch.setattr("pnp_sci.scene._predicts_better", lambda op, y, noise, denoiser, simple, other: simple.still)
+    assert solve(y, scene.masks, iterations=1).scene["views"] == (True, True)
