@@ -3,20 +3,18 @@
 from __future__ import annotations
 
 import json
-import sys
 import time
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import click
 
+from ._cli_compare import compare
+from ._cli_inputs import FILE, OUTPUT, interactive, noise_level, one_of, true_video
 from .errors import InputError, SolverError, UnknownPluginError
 
 if TYPE_CHECKING:
     import numpy as np
-
-_FILE = click.Path(exists=True, path_type=Path)
-_OUTPUT = click.Path(path_type=Path)
 
 
 class _Commands(click.Group):
@@ -48,7 +46,7 @@ def main(debug: bool) -> None:
 
 
 @main.command()
-@click.option("--out", type=_OUTPUT, default=Path(), help="Folder for demo.png and demo.mp4.  [default: this one]")
+@click.option("--out", type=OUTPUT, default=Path(), help="Folder for demo.png and demo.mp4.  [default: this one]")
 @click.option("--size", default=256, show_default=True, help="Rows and columns of the scene.")
 def demo(out: Path, size: int) -> None:
     """Recover the two videos of the embedded scene with total variation, and score them."""
@@ -57,7 +55,7 @@ def demo(out: Path, size: int) -> None:
 
     scene = datasets.embedded_scene(size)
     start = time.perf_counter()
-    result = solve(scene.y, scene.masks, "tv", progress=_interactive())
+    result = solve(scene.y, scene.masks, "tv", progress=interactive())
     seconds = time.perf_counter() - start
     _print_scores(result.x, scene.truth)
     click.echo(f"{seconds:.2f} seconds for {result.history[-1].iteration} iterations: {result.status.value}")
@@ -69,8 +67,8 @@ def demo(out: Path, size: int) -> None:
 
 
 @main.command()
-@click.argument("measurement", type=_FILE)
-@click.option("--masks", "masks_file", type=_FILE, help="File with the masks.  [default: the measurement's]")
+@click.argument("measurement", type=FILE)
+@click.option("--masks", "masks_file", type=FILE, help="File with the masks.  [default: the measurement's]")
 @click.option("--views", type=click.IntRange(min=1), help="How many views share the planes of the masks.")
 @click.option("--key", help="Name of the measurement in its file, where it cannot be told.")
 @click.option("--masks-key", help="Name of the masks in their file, where it cannot be told.")
@@ -78,15 +76,16 @@ def demo(out: Path, size: int) -> None:
 @click.option("--prior", default="tv", show_default=True, help="One of `pnp-sci priors`, a+b, or stages a:60,b:20.")
 @click.option("--algorithm", default="gap", show_default=True, help="gap, plain-gap or admm.")
 @click.option("--init", default="adjoint", show_default=True, help="First estimate.")
+@click.option("--effort", default="balanced", show_default=True, help="fast, balanced or best.")
 @click.option("--iterations", type=click.IntRange(min=1), help="At most so many.")
 @click.option("--noise", default="auto", show_default=True, help="Standard deviation in units of y, or auto.")
 @click.option("--time-budget", type=click.FloatRange(min=0, min_open=True), help="Seconds to stop after.")
 @click.option("--device", help="For priors that are networks, such as cuda.")
 @click.option("--seed", default=0, show_default=True)
 @click.option("--option", "options", multiple=True, metavar="KEY=VALUE", help="Option of the prior; may be repeated.")
-@click.option("--reference", type=_FILE, help="File with the true video, to score the result.")
-@click.option("--out", type=_OUTPUT, default=Path("result.npz"), show_default=True, help="Result: .npz, .h5, .hdf5.")
-@click.option("--video", type=_OUTPUT, help="For looking at: .mp4, .avi, .gif, .tif or .png.")
+@click.option("--reference", type=FILE, help="File with the true video, to score the result.")
+@click.option("--out", type=OUTPUT, default=Path("result.npz"), show_default=True, help="Result: .npz, .h5, .hdf5.")
+@click.option("--video", type=OUTPUT, help="For looking at: .mp4, .avi, .gif, .tif or .png.")
 def solve(
     measurement: Path,
     masks_file: Path | None,
@@ -103,16 +102,16 @@ def solve(
     **settings: Any,
 ) -> None:
     """Recover the video of each view from MEASUREMENT, a file with one or several."""
-    prior_options, stages, noise_level = _pairs(options), _prior(prior), _noise(noise)
+    prior_options, stages, level = _pairs(options), _prior(prior), noise_level(noise)
     from . import api, io
 
     masks = io.read_masks(masks_file or measurement, views, masks_key)
     y = io.read_measurement(measurement, key)
-    truth = None if reference is None else _truth(reference, masks.shape, y.ndim == 3)
+    truth = None if reference is None else true_video(reference, masks.shape, y.ndim == 3)
     if index is not None:
-        y, truth = _chosen(y, index), truth if truth is None else truth[index]
+        y, truth = one_of(y, index), truth if truth is None else truth[index]
     result = api.solve(
-        y, masks, stages, noise=noise_level, reference=truth, progress=_interactive(), **settings, **prior_options
+        y, masks, stages, noise=level, reference=truth, progress=interactive(), **settings, **prior_options
     )
     result.save(out)
     written = [out]
@@ -126,7 +125,7 @@ def solve(
 
 
 @main.command()
-@click.argument("videos", nargs=-1, required=True, type=_FILE)
+@click.argument("videos", nargs=-1, required=True, type=FILE)
 @click.option("--masks", default="moving", show_default=True, help="moving, random, or a file.")
 @click.option("--views", type=click.IntRange(min=1), help="How many views share the planes of a single video file.")
 @click.option("--frames", type=click.IntRange(min=1), help="The first so many of each view.  [default: all]")
@@ -135,7 +134,7 @@ def solve(
 )
 @click.option("--bits", type=click.IntRange(1, 32), help="Grey levels of the camera.")
 @click.option("--seed", default=0, show_default=True, help="Of the masks and the noise.")
-@click.option("--out", type=_OUTPUT, default=Path("meas.npz"), show_default=True, help=".npz, .h5 or .mat")
+@click.option("--out", type=OUTPUT, default=Path("meas.npz"), show_default=True, help=".npz, .h5 or .mat")
 def simulate(
     videos: tuple[Path, ...],
     masks: str,
@@ -161,7 +160,7 @@ def simulate(
 
 
 @main.command()
-@click.argument("file", type=_FILE)
+@click.argument("file", type=FILE)
 @click.option("--views", type=click.IntRange(min=1), help="How many views share the planes of the masks.")
 def info(file: Path, views: int | None) -> None:
     """Say what is in FILE: its arrays, how well its masks code, how its result was obtained."""
@@ -187,8 +186,8 @@ def info(file: Path, views: int | None) -> None:
 @click.option("--priors", "names", default="tv", show_default=True, help="Comma-separated.")
 @click.option("--repeat", default=1, show_default=True, type=click.IntRange(min=1), help="Timings of each row.")
 @click.option("--iterations", type=click.IntRange(min=1), help="Default: the solver's.")
-@click.option("--json", "json_file", type=_OUTPUT, help="Write the table as JSON.")
-@click.option("--markdown", type=_OUTPUT, help="Write the table as Markdown.")
+@click.option("--json", "json_file", type=OUTPUT, help="Write the table as JSON.")
+@click.option("--markdown", type=OUTPUT, help="Write the table as Markdown.")
 def bench(
     cases: str, names: str, repeat: int, iterations: int | None, json_file: Path | None, markdown: Path | None
 ) -> None:
@@ -199,7 +198,7 @@ def bench(
 
     pairs = [(case, prior) for case in table.expand(cases.split(",")) for prior in names.split(",")]
     rows, failures = [], []
-    for pair in tqdm(pairs, "bench", disable=not _interactive()):
+    for pair in tqdm(pairs, "bench", disable=not interactive()):
         try:
             rows.append(table.run(*pair, repeat, iterations))
         except SolverError as error:
@@ -211,6 +210,9 @@ def bench(
         json_file.write_text(table.as_json(rows) + "\n")
     if failures:
         raise click.ClickException("\n".join(failures))
+
+
+main.add_command(compare)
 
 
 @main.command()
@@ -235,10 +237,6 @@ def _summary(plugin: Any) -> str:
     except ImportError as error:
         return f"(cannot be loaded: {error})"
     return (loaded.__doc__ or "").strip().partition("\n")[0]
-
-
-def _interactive() -> bool:
-    return sys.stderr.isatty()
 
 
 def _print_scores(x: np.ndarray, truth: np.ndarray | None) -> None:
@@ -273,33 +271,6 @@ def _prior(text: str) -> str | list[tuple[str, int]]:
     if not all(name and count.isdigit() for name, count in stages):
         raise click.BadParameter(f"{text!r} came, NAME:ITERATIONS,... was expected", param_hint="--prior")
     return [(name, int(count)) for name, count in stages]
-
-
-def _noise(text: str) -> str | float:
-    if text == "auto":
-        return text
-    try:
-        return float(text)
-    except ValueError:
-        raise click.BadParameter(f"{text!r} came, auto or a number was expected", param_hint="--noise") from None
-
-
-def _truth(file: Path, shape: tuple[int, ...], several: bool) -> np.ndarray:
-    """The video of masks of this shape, (V, B, H, W), or those of several measurements, (N, V, B, H, W)."""
-    from . import io
-
-    views, frames, rows, columns = shape
-    video = io.read_video(file, views)
-    if video.shape[1] % frames or video.shape[2:] != (rows, columns) or (not several and video.shape[1] != frames):
-        raise InputError(f"reference has shape {video.shape}, but masks {shape}: the same was expected")
-    return video.reshape(views, -1, frames, rows, columns).swapaxes(0, 1) if several else video
-
-
-def _chosen(y: np.ndarray, index: int) -> np.ndarray:
-    if y.ndim == 2 or index >= len(y):
-        count = 1 if y.ndim == 2 else len(y)
-        raise click.BadParameter(f"{index} came, but the file has {count} measurements", param_hint="--index")
-    return y[index]
 
 
 def _views(files: tuple[Path, ...], views: int | None, frames: int | None) -> np.ndarray:

@@ -8,7 +8,7 @@ from pathlib import Path
 import numpy as np
 import torch
 
-from pnp_sci.errors import InputError
+from pnp_sci.inference import half_precision, usable
 
 from . import _weights
 
@@ -28,23 +28,11 @@ def pieces(frames: int, most: int) -> Iterator[tuple[slice, slice]]:
         yield slice(max(start - MARGIN, 0), min(stop + MARGIN, frames)), slice(start, stop)
 
 
-def half_precision(device: torch.device) -> bool:
-    """Whether `device` multiplies bfloat16 natively; where it must be emulated, float32 is quicker."""
-    if device.type == "cuda":
-        return torch.cuda.is_bf16_supported(including_emulation=False)
-    native = ("_is_avx512_bf16_supported", "_is_amx_tile_supported")  # private, and absent from some versions of torch
-    return device.type == "cpu" and any(getattr(torch.cpu, name, bool)() for name in native)
-
-
 class Runner:
     """A network on its device, called with numpy arrays."""
 
     def __init__(self, path: Path, name: str, device: str | None):
-        try:
-            self.device = torch.device(device or "cpu")
-            torch.empty(0, device=self.device)
-        except (RuntimeError, AssertionError) as error:
-            raise InputError(f"device: {device!r} cannot be used here: {str(error).splitlines()[0]}") from error
+        self.device = usable(device)
         network, self.sha256 = _weights.load(path, name)
         self.network = network.to(self.device)
         self.half = half_precision(self.device)

@@ -65,10 +65,18 @@ def test_help_is_quick_and_names_every_command():
         seconds.append(time.perf_counter() - start)
     assert min(seconds) < 0.5
     assert done.returncode == 0
-    assert set(re.findall(r"^  (\w+) ", done.stdout, re.M)) >= {"demo", "solve", "simulate", "info", "bench", "priors"}
+    assert set(re.findall(r"^  (\w+) ", done.stdout, re.M)) >= {
+        "demo",
+        "solve",
+        "simulate",
+        "info",
+        "bench",
+        "compare",
+        "priors",
+    }
 
 
-@pytest.mark.parametrize("command", ["demo", "solve", "simulate", "info", "bench", "priors"])
+@pytest.mark.parametrize("command", ["demo", "solve", "simulate", "info", "bench", "compare", "priors"])
 def test_every_option_is_explained(command):
     done = run(command, "--help")
     assert done.exit_code == 0
@@ -177,7 +185,8 @@ def test_solve_hands_on_every_option(monkeypatch, meas):
 
     monkeypatch.setattr(pnp_sci.api, "solve", recorded)
     arguments = (
-        "--prior tv:6,wavelet:2 --algorithm admm --init zeros --iterations 8 --noise 0.01 --time-budget 2 --seed 3"
+        "--prior tv:6,wavelet:2 --algorithm admm --init zeros --effort fast --iterations 8 --noise 0.01"
+        " --time-budget 2 --seed 3"
     )
     done = run("solve", meas, *arguments.split(), "--option", "inner=5", "--option", "mode=soft")
     assert done.exit_code == 0, done.output
@@ -185,6 +194,7 @@ def test_solve_hands_on_every_option(monkeypatch, meas):
         "prior": [("tv", 6), ("wavelet", 2)],
         "algorithm": "admm",
         "init": "zeros",
+        "effort": "fast",
         "iterations": 8,
         "noise": 0.01,
         "time_budget": 2.0,

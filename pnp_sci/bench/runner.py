@@ -76,18 +76,22 @@ def run(case: str, prior: str, repeat: int = 1, iterations: int | None = None) -
 
 def as_json(rows: Iterable[Row]) -> str:
     """The rows, and on what they were measured."""
+    return json.dumps({"machine": machine(), "rows": [asdict(row) for row in rows]}, indent=2)
+
+
+def machine() -> dict[str, Any]:
+    """On what something was measured: the computer and the versions of what computed it."""
     from importlib.metadata import version
 
     import numba
 
-    machine = {
+    return {
         "platform": platform.platform(),
         "processor": platform.processor(),
         "threads": numba.get_num_threads(),
         "python": platform.python_version(),
         **{name: version(name) for name in ("pnp-sci", "numpy", "numba")},
     }
-    return json.dumps({"machine": machine, "rows": [asdict(row) for row in rows]}, indent=2)
 
 
 def as_markdown(rows: Iterable[Row]) -> str:

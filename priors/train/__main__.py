@@ -2,19 +2,18 @@
 
 from __future__ import annotations
 
-import logging
-import os
-from datetime import timedelta
+from dataclasses import replace
 from pathlib import Path
 
 import click
-import torch
-from torch import distributed
+
+from pnp_sci.training.clips import load_clips, split
+from pnp_sci.training.loop import Budget, Place, launch, train
 
 from .._network import ARCHITECTURES
-from .loop import Settings, train
+from .task import Denoising, Sample
 
-SAMPLES = {"video": {"frames": 8, "batch": 2}, "ffdnet": {"frames": 1, "batch": 16}}
+SAMPLES = {"video": Sample(frames=8, batch=2), "ffdnet": Sample(frames=1, batch=16)}
 FOLDER = click.Path(exists=True, file_okay=False, path_type=Path)
 PATH = click.Path(path_type=Path)
 
@@ -38,21 +37,19 @@ def main(name, data, out, weights, minutes, steps, seed, rate, crop, batch, resu
 
     Checkpoint, curves (CSV), weights and model card are renewed twenty times on the way. Works under torchrun.
     """
-    logging.basicConfig(level=logging.INFO, format="%(asctime)s %(message)s")
     out = out or Path("runs") / name
-    sample = SAMPLES[name] | ({"batch": batch} if batch else {})
-    settings = Settings(
-        name, data, out, weights or out / f"{name}.safetensors", minutes, steps, seed, rate, crop=crop, **sample
-    )
-    if int(os.environ.get("WORLD_SIZE", 1)) == 1:
-        train(settings, resume)
-        return
-    backend = "nccl" if torch.cuda.is_available() else "gloo"
-    distributed.init_process_group(backend, timeout=timedelta(days=1))  # outlasts a run that somebody pauses
-    try:
-        train(settings, resume)
-    finally:
-        distributed.destroy_process_group()
+    budget = Budget(out, minutes, steps, seed, rate)
+    sample = replace(SAMPLES[name], crop=crop, batch=batch or SAMPLES[name].batch)
+    folders = " ".join(f"--data {folder.name}" for folder in data)
+    spent = f"--minutes {minutes:g}" if steps is None else f"--steps {steps}"
+    command = f"python -m priors.train {name} {folders} {spent} --seed {seed}"
+
+    def run() -> None:
+        training, validation = split(load_clips(data))
+        task = Denoising(name, training, validation, sample, seed, weights or out / f"{name}.safetensors", command)
+        train(task, budget, Place.here(), resume)
+
+    launch(run)
 
 
 if __name__ == "__main__":

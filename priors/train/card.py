@@ -2,18 +2,17 @@
 
 from __future__ import annotations
 
-import os
-from collections.abc import Sequence
 from typing import TYPE_CHECKING
 
 import torch
 
+from pnp_sci.training.loop import Place, Progress
+
 from .._network import LIMIT
-from .data import Clip
 from .validation import FRAMES, LEVELS, SIZE
 
 if TYPE_CHECKING:
-    from .loop import Trainer
+    from .task import Denoising
 
 CARD = """# {name}: denoiser of grey {kind}
 
@@ -49,44 +48,32 @@ These figures do not say how well the prior serves inside a solver, whose estima
 """
 
 
-def hardware(device: torch.device, processes: int) -> str:
-    """Describe the machine in kind, not by name."""
-    if device.type == "cuda":
-        return f"{processes} x {torch.cuda.get_device_name(device)}"
-    capability = torch.backends.cpu.get_cpu_capability()
-    return (
-        f"CPU with {capability}, {os.cpu_count()} cores, {processes} process(es) of {torch.get_num_threads()} thread(s)"
-    )
-
-
-def write_card(trainer: Trainer, training: Sequence[Clip], validation: Sequence[Clip], digest: str) -> None:
-    """Write the card of `trainer`'s weights as they stand; folders appear by their last name only."""
-    settings, progress = trainer.settings, trainer.progress
-    budget = f"--minutes {settings.minutes:g}" if settings.steps is None else f"--steps {settings.steps}"
-    folders = " ".join(f"--data {folder.name}" for folder in settings.data)
-    moving = [len(clip.frames) for clip in training if len(clip.frames) > 1]
+def write_card(task: Denoising, progress: Progress, place: Place, digest: str) -> None:
+    """Write the card of the task's weights as they stand; folders appear by their last name only."""
+    sample = task.sample
+    moving = [len(clip.frames) for clip in task.training if len(clip.frames) > 1]
     text = CARD.format(
-        name=settings.name,
-        kind="images" if settings.frames == 1 else "video",
-        parameters=sum(p.numel() for p in trainer.network.parameters()) / 1e6,
-        architecture=trainer.network.architecture,
+        name=task.name,
+        kind="images" if sample.frames == 1 else "video",
+        parameters=sum(p.numel() for p in task.network.parameters()) / 1e6,
+        architecture=task.network.architecture,
         limit=LIMIT,
         digest=digest,
-        command=f"python -m priors.train {settings.name} {folders} {budget} --seed {settings.seed}",
-        data=f"{len(moving)} clips ({sum(moving)} frames) and {len(training) - len(moving)} photographs",
-        batch=settings.batch * trainer.world,
-        frames=settings.frames,
-        crop=settings.crop,
+        command=task.command,
+        data=f"{len(moving)} clips ({sum(moving)} frames) and {len(task.training) - len(moving)} photographs",
+        batch=sample.batch * place.world,
+        frames=sample.frames,
+        crop=sample.crop,
         steps=progress.step,
         minutes=progress.seconds / 60,
-        hardware=hardware(trainer.device, trainer.world),
+        hardware=place.hardware(),
         torch=torch.__version__,
         shown=FRAMES,
         size=SIZE,
-        count=len(validation),
-        held_out=", ".join(clip.name for clip in validation) or "none",
+        count=len(task.validation),
+        held_out=", ".join(clip.name for clip in task.validation) or "none",
         levels=" | ".join(map(str, LEVELS)),
         rules="---|" * len(LEVELS),
         psnr=" | ".join(f"{value:.2f}" for value in progress.rows[-1][3:]),
     )
-    settings.weights.with_suffix(".md").write_text(text)
+    task.weights.with_suffix(".md").write_text(text)

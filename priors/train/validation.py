@@ -7,7 +7,7 @@ from collections.abc import Sequence
 import numpy as np
 import torch
 
-from .data import Clip
+from pnp_sci.training.clips import Clip
 
 LEVELS = (5, 15, 25, 40)  # of 255
 FRAMES, SIZE = 10, 256  # first frames and central square of every clip

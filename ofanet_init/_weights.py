@@ -1,0 +1,35 @@
+"""Weights of OFaNet: files that carry their configuration."""
+
+from __future__ import annotations
+
+import json
+from dataclasses import asdict
+from pathlib import Path
+
+from pnp_sci import weights
+
+from .config import OFaNetConfig
+from .network import OFaNet
+
+FOLDER = Path(__file__).with_name("weights")
+
+
+def save(path: str | Path, network: OFaNet) -> str:
+    """Write the weights of `network` to `path`, at once or not at all; return the hash of their values."""
+    return weights.save(path, network.state_dict(), {"model": "ofanet", "config": json.dumps(asdict(network.config))})
+
+
+def load(path: str | Path) -> tuple[OFaNet, str]:
+    """Read a network from `path`, and the hash of its weights; errors as of :func:`pnp_sci.weights.read`."""
+    tensors, metadata = weights.read(path, {"model": "ofanet"}, "python -m ofanet_init.train")
+    network = OFaNet(OFaNetConfig(**json.loads(metadata["config"])))
+    weights.fill(network, tensors, path)
+    return network.eval(), metadata["sha256"]
+
+
+def start(network: OFaNet, path: str | Path) -> None:
+    """Take over those weights in `path` that `network` has too: of an earlier stage, or of another configuration."""
+    tensors, _ = weights.read(path, {"model": "ofanet"}, "python -m ofanet_init.train")
+    own = network.state_dict()
+    own.update({key: value for key, value in tensors.items() if key in own and own[key].shape == value.shape})
+    network.load_state_dict(own)

@@ -1,0 +1,92 @@
+"""OFaNet as a decoder and as the solvers' first estimate, by the names "ofanet" and "ofanet-fast"."""
+
+from __future__ import annotations
+
+from functools import cache
+
+import numpy as np
+import torch
+
+from pnp_sci.api import choose_scene
+from pnp_sci.errors import InputError
+from pnp_sci.inference import half_precision, usable
+from pnp_sci.noise import estimate_noise
+from pnp_sci.operator import SensingOperator
+from pnp_sci.problem import Problem
+
+from . import _weights
+from .network import OFaNet
+
+
+def ofanet(op: SensingOperator, y: np.ndarray, *, device: str | None = None) -> np.ndarray:
+    """Decode a measurement by OFaNet: separator, optical flow and recurrent refine net.
+
+    Where nothing moves in the scene, as :mod:`pnp_sci.scene` judges it, the separator's frames are averaged instead.
+
+    Parameters
+    ----------
+    op : SensingOperator
+        Of V views and B frames for which there are weights; masks >= 0.
+    y : ndarray, (H, W)
+        In units where the video spans about [0, 1].
+    device : str, optional
+        Such as "cuda"; by default the CPU.
+
+    Returns
+    -------
+    ndarray, (V, B, H, W)
+        Of the operator's dtype; in the units of y over those of the masks, not clipped.
+
+    Raises
+    ------
+    InputError
+        If there are no weights for so many views and frames, a mask is negative, or the device cannot be used.
+
+    Notes
+    -----
+    After Lu et al., dual-view snapshot compressive imaging via optical flow aided recurrent neural network; trained
+    anew, see the model card beside the weights.
+
+    Examples
+    --------
+    >>> import pnp_sci
+    >>> scene = pnp_sci.datasets.embedded_scene(64)
+    >>> pnp_sci.decode(scene.y, scene.masks, model="ofanet").x.shape
+    (2, 10, 64, 64)
+    """
+    if choose_scene("auto", Problem(op, y, 1.0, estimate_noise(op, y))).still:
+        first = ofanet_fast(op, y, device=device)
+        return np.broadcast_to(first.mean(1, keepdims=True), op.shape).copy()
+    return _decoded(op, y, device, refine=True)
+
+
+def ofanet_fast(op: SensingOperator, y: np.ndarray, *, device: str | None = None) -> np.ndarray:
+    """Decode a measurement by OFaNet's diversity amplifier and dual-net separator alone; see :func:`ofanet`."""
+    return _decoded(op, y, device, refine=False)
+
+
+def _decoded(op: SensingOperator, y: np.ndarray, device: str | None, refine: bool) -> np.ndarray:
+    views, frames = op.shape[:2]
+    if op.masks.min() < 0:
+        raise InputError("masks has negative values: OFaNet needs masks >= 0")
+    largest = float(op.masks.max()) or 1.0
+    place = usable(device)
+    network = _network(views, frames, place)
+    masks = torch.from_numpy(op.masks.astype(np.float32) / np.float32(largest))[None].to(place)
+    measurement = torch.from_numpy((y / largest).astype(np.float32))[None].to(place)
+    with torch.inference_mode(), torch.autocast(place.type, torch.bfloat16, enabled=half_precision(place)):
+        estimates = network(measurement, masks, refine)
+    return estimates.refined[0].float().cpu().numpy().astype(op.dtype)
+
+
+@cache
+def _network(views: int, frames: int, device: torch.device) -> OFaNet:
+    path = _weights.FOLDER / f"v{views}b{frames}.safetensors"
+    if not path.is_file():
+        known = ", ".join(sorted(f.stem[1:].replace("b", " x ") for f in _weights.FOLDER.glob("*.safetensors")))
+        raise InputError(
+            f"masks has {views} x {frames} frames: OFaNet has weights for {known or 'none'} (views x frames); "
+            "others can be trained with 'python -m ofanet_init.train'"
+        )
+    network, _ = _weights.load(path)
+    return network.to(device, memory_format=torch.channels_last)  # type: ignore[call-overload]

@@ -1,0 +1,102 @@
+"""OFaNet: amplifier, separator, flow and refine net in one model, every variant by its configuration."""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import torch
+from torch import nn
+from torch.nn import functional
+
+from .amplifier import diversity, normalised
+from .config import OFaNetConfig
+from .flow import FlowNet
+from .refine import Refiner
+from .separator import Separator
+
+
+class Estimates(NamedTuple):
+    """Videos (N, V, B, H, W): the separator's, and the refined one (the same without refine net)."""
+
+    first: torch.Tensor
+    refined: torch.Tensor
+
+
+class OFaNet(nn.Module):
+    """Optical-flow-aided network for dual-view video snapshot compressive imaging (Lu et al., simplified architecture).
+
+    Parameters
+    ----------
+    config : OFaNetConfig
+
+    Examples
+    --------
+    >>> model = OFaNet(OFaNetConfig(frames=4, refine="none"))
+    >>> masks = (torch.rand(1, 2, 4, 16, 16) > 0.5).float()
+    >>> model(masks.sum((1, 2)), masks).refined.shape
+    torch.Size([1, 2, 4, 16, 16])
+    """
+
+    def __init__(self, config: OFaNetConfig):
+        super().__init__()
+        self.config = config
+        self.separator = Separator(config.views, config.frames, config.diversity, config.dual)
+        self.flow = FlowNet().requires_grad_(config.joint) if config.uses_flow else None
+        flows = {"none": 0, "forward": 1, "both": 2}[config.flow]
+        if config.refine == "simplified":
+            self.refiners = nn.ModuleList([Refiner(config.diversity, flows)])
+        elif config.refine == "birecurrent":
+            self.refiners = nn.ModuleList([Refiner(config.diversity, 1), Refiner(config.diversity, 1)])
+        else:
+            self.refiners = nn.ModuleList()
+
+    def forward(
+        self, y: torch.Tensor, masks: torch.Tensor, refine: bool = True, window: slice = slice(None)
+    ) -> Estimates:
+        """Decode measurements.
+
+        Parameters
+        ----------
+        y : Tensor, (N, H, W)
+            In units where the video spans about [0, 1].
+        masks : Tensor, (N, V, B, H, W) or (1, V, B, H, W)
+            Values in [0, 1].
+        refine : bool
+            False stops behind the separator.
+        window : slice
+            The frames that are refined, for training on a part of them: those are the refined video.
+        """
+        height, width = y.shape[1:]
+        padding = (0, width % 2, 0, height % 2)
+        y = functional.pad(y[:, None], padding, "replicate")[:, 0]
+        masks = functional.pad(masks.flatten(1, 2), padding, "replicate").unflatten(1, masks.shape[1:3])
+        images = diversity(y, masks) if self.config.amplifier else y.new_zeros(len(y), 0, *y.shape[1:])
+        first = self.separator(normalised(y, masks), images, masks)
+        refined = first[:, :, window]
+        if refine and self.refiners:
+            refined = self._refined(refined.float(), images)
+        return Estimates(first[..., :height, :width], refined[..., :height, :width])
+
+    def _refined(self, first: torch.Tensor, images: torch.Tensor) -> torch.Tensor:
+        """All views at once, with the same weights."""
+        views = first.shape[1]
+        video = first.flatten(0, 1)
+        images = images.repeat_interleave(views, 0)
+        forward, backward = self._flows(video)
+        if self.config.refine == "simplified":
+            flows = {"none": [], "forward": [forward], "both": [forward, backward]}[self.config.flow]
+            video = self.refiners[0](video, flows, images)
+        else:
+            video = self.refiners[0](video, [forward], images)
+            video = self.refiners[1](video.flip(1), [backward.flip(1)], images).flip(1)
+        return video.unflatten(0, (-1, views))
+
+    def _flows(self, video: torch.Tensor) -> tuple[torch.Tensor, torch.Tensor]:
+        """Flows t -> t + 1 and t + 1 -> t of a video (N, B, H, W), each (N, B - 1, 2, H, W)."""
+        if self.flow is None or video.shape[1] == 1:
+            nothing = video.new_zeros(len(video), video.shape[1] - 1, 2, *video.shape[2:])
+            return nothing, nothing
+        early, late = (part.flatten(0, 1)[:, None] for part in (video[:, :-1], video[:, 1:]))
+        flows = self.flow.flow(torch.cat([early, late]), torch.cat([late, early]))
+        forward, backward = flows.chunk(2)
+        return forward.unflatten(0, (len(video), -1)), backward.unflatten(0, (len(video), -1))

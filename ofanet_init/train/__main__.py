@@ -1,0 +1,83 @@
+"""Command line of the trainer."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import click
+import torch
+
+from pnp_sci.training.clips import load_clips, split
+from pnp_sci.training.loop import SCHEDULES, Budget, Place, launch, train
+
+from .. import _weights
+from ..config import FLOWS, REFINES, OFaNetConfig
+from ..network import OFaNet
+from .tasks import Flow, Reconstruction, Sample
+
+FOLDER = click.Path(exists=True, file_okay=False, path_type=Path)
+PATH = click.Path(path_type=Path)
+
+
+@click.command(context_settings={"show_default": True})
+@click.option("--stage", type=click.Choice(["dns", "flow", "joint"]), required=True, help="What is trained.")
+@click.option("--data", type=FOLDER, multiple=True, required=True, help="Folder of videos or photographs; repeatable.")
+@click.option("--views", default=2, help="Number of views V.")
+@click.option("--frames", default=10, help="Number of frames B of a view.")
+@click.option("--amplifier/--no-amplifier", default=True, help="With or without the diversity amplifier.")
+@click.option("--dual/--single", default=True, help="A branch of the separator for each view, or one for all.")
+@click.option("--refine", type=click.Choice(REFINES), default="simplified", help="Which refine net.")
+@click.option("--flow", type=click.Choice(FLOWS), default="both", help="Which flows the refine net sees.")
+@click.option("--joint/--frozen", default=True, help="Whether the flow net learns in the joint stage.")
+@click.option("--start", type=PATH, multiple=True, help="Weights to start from, of an earlier stage; repeatable.")
+@click.option("--out", type=PATH, help="Folder for checkpoint and curves.  [default: runs/ofanet-STAGE]")
+@click.option("--weights", type=PATH, help="Weights to write, the card beside them.  [default: OUT/ofanet.safetensors]")
+@click.option("--minutes", default=90.0, help="Budget of time spent in training; a pause does not count.")
+@click.option("--steps", type=int, help="Budget of steps instead.")
+@click.option("--seed", default=0, help="Seed of weights, crops, masks and noise.")
+@click.option("--rate", default=3e-4, help="Highest learning rate.")
+@click.option("--schedule", type=click.Choice(sorted(SCHEDULES)), default="steps", help="steps: the paper's.")
+@click.option("--crop", default=256, help="Height and width of a training sample in pixels.")
+@click.option("--batch", default=2, help="Samples a step and process.")
+@click.option("--window", type=int, help="Frames in a row that are refined in a step, to save time.  [default: all]")
+@click.option("--device", default="auto", help="cpu, cuda or auto.")
+@click.option("--resume", is_flag=True, help="Continue from the checkpoint in the output folder.")
+def main(
+    stage, data, views, frames, amplifier, dual, refine, flow, joint, start, out, weights, minutes, steps, seed, rate,
+    schedule, crop, batch, window, device, resume,
+):  # fmt: skip
+    """Train OFaNet in three stages: the separator (dns), the flow net (flow), then all of it (joint).
+
+    The stage dns trains the model without refine net. Each stage writes the weights of the whole model; give those of
+    the stages before with --start. Checkpoint, curves (CSV), weights and model card are renewed twenty times on the
+    way. Works under torchrun.
+    """
+    out = out or Path("runs") / f"ofanet-{stage}"
+    budget = Budget(out, minutes, steps, seed, rate, schedule)
+    place = Place.here(device)
+    torch.manual_seed(seed)
+    if stage == "dns":
+        refine = "none"
+    model = OFaNet(OFaNetConfig(views, frames, amplifier, dual, refine, flow, joint))
+    for path in start:
+        _weights.start(model, path)
+    spent = f"--minutes {minutes:g}" if steps is None else f"--steps {steps}"
+    command = (
+        f"python -m ofanet_init.train --stage {stage} {' '.join(f'--data {folder.name}' for folder in data)} "
+        f"--views {views} --frames {frames} {spent} --rate {rate:g} --schedule {schedule} --crop {crop} "
+        f"--batch {batch} --seed {seed}"
+        + (f" --window {window}" if window else "")
+        + "".join(f" --start {path.name}" for path in start)
+    )
+
+    def run() -> None:
+        material = (model, *split(load_clips(data)), Sample(batch, crop, window or frames), seed, place)
+        named = (weights or out / "ofanet.safetensors", command)
+        task = Flow(*material, *named) if stage == "flow" else Reconstruction(stage, *material, *named)
+        train(task, budget, place, resume)
+
+    launch(run)
+
+
+if __name__ == "__main__":
+    main()

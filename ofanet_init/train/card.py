@@ -1,0 +1,65 @@
+"""The model card, written beside the weights."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+import torch
+
+from pnp_sci.training.loop import Place, Progress
+
+if TYPE_CHECKING:
+    from .tasks import Stage
+
+CARD = """# OFaNet for {views} view(s) of {frames} frames
+
+`{config}`, {parameters:.2f} million parameters. It takes a measurement in units where the video spans about [0, 1] and
+masks in [0, 1]. Weights in half precision; SHA-256 of their values: `{digest}`.
+
+## Training
+
+The last stage; those before it are in the weights that it started from.
+
+| | |
+|---|---|
+| command | `{command}` |
+| data | {data} |
+| samples | {batch} a step, of {crop} x {crop} pixels; fresh random masks for each |
+| steps | {steps} in {minutes:.1f} minutes |
+| hardware | {hardware} |
+| software | torch {torch} |
+
+Curves of this stage, each row the averaged weights on {count} clips whose scenes were not trained on ({held_out}):
+
+| minutes | loss | {scores} |
+|---|---|{rules}
+{rows}
+"""
+
+
+def write_card(stage: Stage, progress: Progress, place: Place, digest: str) -> None:
+    """Write the card of the stage's weights as they stand."""
+    config = stage.model.config
+    moving = [len(clip.frames) for clip in stage.training if len(clip.frames) > 1]
+    shown = progress.rows[3::4] if len(progress.rows) > 4 else progress.rows
+    text = CARD.format(
+        views=config.views,
+        frames=config.frames,
+        config=config,
+        parameters=sum(p.numel() for p in stage.model.parameters()) / 1e6,
+        digest=digest,
+        command=stage.command,
+        data=f"{len(moving)} clips ({sum(moving)} frames) and {len(stage.training) - len(moving)} photographs",
+        batch=stage.sample.batch * place.world,
+        crop=stage.sample.crop,
+        steps=progress.step,
+        minutes=progress.seconds / 60,
+        hardware=place.hardware(),
+        torch=torch.__version__,
+        count=len(stage.validation),
+        held_out=", ".join(clip.name for clip in stage.validation) or "none",
+        scores=" | ".join(stage.scores),
+        rules="---|" * len(stage.scores),
+        rows="\n".join("| " + " | ".join(f"{value:.4g}" for value in row[1:]) + " |" for row in shown),
+    )
+    stage.weights.with_suffix(".md").write_text(text)

@@ -1,0 +1,134 @@
+"""Training pairs made on the device: crops of clips, fresh moving masks and their measurement for every batch."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+import torch
+
+from pnp_sci.training.clips import Clip
+
+STILL = 0.2  # portion of samples that are photographs, panned
+PAN = 3.0  # pixels a frame at most
+INDEPENDENT = 0.1  # portion of batches whose masks have nothing in common; the others' are one pattern that moves
+CAMERA = 0.75  # portion of moving masks with the step and shift of the benchmark's camera (see pnp_sci.masks)
+REACH, SHIFT = 2, 30  # largest step between frames and shift between views of the others, in pixels
+LEAK = 0.2  # portion of masks that let some light through where they are closed
+NOISY = 0.2  # portion of measurements with noise ...
+LOUDEST = 0.05  # ... of at most this part of their maximum
+
+
+@dataclass(frozen=True)
+class Batch:
+    """y: (N, H, W); masks, truth: (N, V, B, H, W)."""
+
+    y: torch.Tensor
+    masks: torch.Tensor
+    truth: torch.Tensor
+
+
+def folded(index: torch.Tensor, length: torch.Tensor) -> torch.Tensor:
+    """Bring any index into 0..length-1 by reflection."""
+    period = (2 * (length - 1)).clamp(min=1)
+    index = index.remainder(period)
+    return torch.minimum(index, period - index).minimum(length - 1)
+
+
+class Scenes:
+    """Clips and photographs, kept on the device as bytes, cropped by index arithmetic."""
+
+    def __init__(self, clips: Sequence[Clip], device: torch.device):
+        self.device = device
+        self.bytes = torch.cat([torch.from_numpy(c.frames.ravel()) for c in clips]).to(device)
+        sizes = torch.tensor([c.frames.shape for c in clips], device=device)
+        self.base = torch.cat([sizes.new_zeros(1), sizes.prod(1).cumsum(0)[:-1]])
+        self.frames, self.rows, self.columns = sizes.unbind(1)
+        self.moving, self.still = (torch.nonzero(is_so)[:, 0] for is_so in (self.frames > 1, self.frames == 1))
+
+    def crops(self, random: torch.Generator, samples: int, frames: int, size: int) -> torch.Tensor:
+        """Random crops (samples, frames, size, size) in [0, 1]: turned, mirrored, reversed, every or every other frame.
+
+        A photograph becomes a clip by panning over it.
+        """
+
+        def uniform() -> torch.Tensor:
+            return torch.rand(samples, device=self.device, generator=random)
+
+        def below(n: torch.Tensor) -> torch.Tensor:
+            return (uniform() * n).long().minimum(n - 1)
+
+        pool = self.moving if len(self.moving) else self.still
+        clip = pool[below(torch.full_like(pool[:1], len(pool)).expand(samples))]
+        if len(self.still):
+            photograph = self.still[below(torch.full_like(pool[:1], len(self.still)).expand(samples))]
+            clip = torch.where(uniform() < STILL, photograph, clip)
+        count, height, width = self.frames[clip], self.rows[clip], self.columns[clip]
+        pan = (count == 1)[:, None] * PAN * (2 * torch.stack([uniform(), uniform()], 1) - 1)
+        stride = 1 + (uniform() < 0.5).long()
+        first = below((count - (frames - 1) * stride).clamp(min=1))
+        top, left = below((height - size).clamp(min=0) + 1), below((width - size).clamp(min=0) + 1)
+
+        def axes(*values: torch.Tensor) -> list[torch.Tensor]:
+            return [value[:, None, None, None] for value in values]
+
+        t = torch.arange(frames, device=self.device)[None, :, None, None]
+        i = torch.arange(size, device=self.device)[None, None, :, None]
+        j = torch.arange(size, device=self.device)[None, None, None, :]
+        turned, up, over, back = axes(*(uniform() < 0.5 for _ in range(4)))
+        i, j = torch.where(turned, j, i), torch.where(turned, i, j)
+        t, i, j = (
+            torch.where(flip, n - 1 - k, k) for flip, n, k in ((back, frames, t), (up, size, i), (over, size, j))
+        )
+        time = folded(axes(first)[0] + axes(stride)[0] * t, axes(count)[0])
+        row = folded(axes(top)[0] + i + (axes(pan[:, 0])[0] * t).round().long(), axes(height)[0])
+        column = folded(axes(left)[0] + j + (axes(pan[:, 1])[0] * t).round().long(), axes(width)[0])
+        base, rows, columns = axes(self.base[clip], height, width)
+        return self.bytes[base + (time * rows + row) * columns + column].float() / 255
+
+
+def random_masks(random: torch.Generator, shape: tuple[int, int, int, int, int]) -> torch.Tensor:
+    """Masks (N, V, B, H, W): for each sample a random pattern that moves from frame to frame and from view to view."""
+    samples, views, frames, rows, columns = shape
+    device = random.device
+
+    def uniform(*size: int) -> torch.Tensor:
+        return torch.rand(*size, device=device, generator=random)
+
+    density = torch.where(uniform(samples) < 0.5, 0.5, 0.3 + 0.4 * uniform(samples))[:, None, None, None, None]
+    closed = torch.where(uniform(samples) < LEAK, 0.2 * uniform(samples), 0.0)[:, None, None, None, None]
+    if uniform(1).item() < INDEPENDENT:
+        return torch.where(uniform(*shape) < density, 1.0, closed)
+    span = max(rows, columns) + 64  # the pattern is a torus: where it ends, it begins again
+    pattern = uniform(samples, span, span)
+    camera = (uniform(samples) < CAMERA)[:, None]
+    step = ((2 * REACH + 1) * uniform(samples, 2)).floor() - REACH
+    shift = ((2 * SHIFT + 1) * uniform(samples, 2)).floor() - SHIFT
+    step = torch.where(camera, step.new_tensor([1, -1]), step).long()
+    shift = torch.where(camera, step.new_tensor([15, -18]), shift.long())
+    v = torch.arange(views, device=device)[None, :, None, None]
+    b = torch.arange(frames, device=device)[None, None, :, None]
+    moved = v * shift[:, None, None] + b * step[:, None, None]  # (N, V, B, 2)
+    i = (torch.arange(rows, device=device) - moved[..., :1]).remainder(span)[..., :, None]
+    j = (torch.arange(columns, device=device) - moved[..., 1:]).remainder(span)[..., None, :]
+    n = torch.arange(samples, device=device)[:, None, None, None, None]
+    return torch.where(pattern[n, i, j] < density, 1.0, closed)
+
+
+def generator(device: torch.device, seed: int, rank: int, step: int) -> torch.Generator:
+    """Random numbers of their own for each seed, rank and step."""
+    state = np.random.SeedSequence([seed, rank, step]).generate_state(1, np.uint64)[0] >> np.uint64(1)
+    return torch.Generator(device).manual_seed(int(state))
+
+
+def batch(scenes: Scenes, seed: int, rank: int, step: int, shape: tuple[int, int, int, int, int]) -> Batch:
+    """The batch of this seed, rank and step; shape: (N, V, B, H, W), H = W."""
+    samples, views, frames, size = shape[:4]
+    random = generator(scenes.device, seed, rank, step)
+    truth = scenes.crops(random, samples * views, frames, size).unflatten(0, (samples, views))
+    masks = random_masks(random, shape)
+    y = (masks * truth).sum((1, 2))
+    level = torch.rand(samples, 2, device=scenes.device, generator=random)
+    sigma = torch.where(level[:, 0] < NOISY, LOUDEST * level[:, 1], 0)[:, None, None] * y.amax((1, 2), keepdim=True)
+    return Batch(y + sigma * torch.randn(y.shape, device=scenes.device, generator=random), masks, truth)

@@ -1,0 +1,153 @@
+"""The stages of training: separator, flow net, and all together."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+import torch
+
+from pnp_sci.masks import moving_masks
+from pnp_sci.training.clips import Clip
+from pnp_sci.training.loop import Place, Progress
+
+from .. import _weights
+from ..flow import enlarged
+from ..network import OFaNet
+from ..refine import Cell
+from .card import write_card
+from .motion import end_point_error, pairs, pyramid_loss
+from .scenes import Scenes, batch, generator
+
+SIZE = 256  # central square of a validation clip
+ALPHA = 1.0  # weight of the separator's loss beside the refined video's, the paper's
+
+
+@dataclass(frozen=True)
+class Sample:
+    """What a step sees: `batch` measurements of `crop` pixels across, `window` frames of which are refined."""
+
+    batch: int
+    crop: int
+    window: int
+
+
+class Stage:
+    """What the stages share: the material, the model, and how its weights are published."""
+
+    scores: tuple[str, ...]
+
+    def __init__(
+        self, model: OFaNet, training: Sequence[Clip], validation: Sequence[Clip], sample: Sample, seed: int,
+        place: Place, weights: Path, command: str,
+    ):  # fmt: skip
+        self.model, self.sample, self.seed = model, sample, seed
+        self.training, self.validation = training, validation
+        self.weights, self.command = weights, command
+        self.scenes = Scenes(training, place.device)
+
+    def publish(self, network: torch.nn.Module, progress: Progress, place: Place) -> None:
+        """Write weights and model card."""
+        digest = _weights.save(self.weights, self.averaged(network))
+        write_card(self, progress, place, digest)
+
+    def averaged(self, network: torch.nn.Module) -> OFaNet:
+        """The whole model with the averaged weights of what this stage trains."""
+        assert isinstance(network, OFaNet)
+        return network
+
+
+class Reconstruction(Stage):
+    """Stages "dns" and "joint": the video from its measurement. Loss: ``alpha * L_DNS + L_refined``."""
+
+    scores = ("psnr_first", "psnr_refined")
+
+    def __init__(self, name: str, *rest, **more):
+        super().__init__(*rest, **more)
+        self.name, self.network = name, self.model
+        cells = [module for module in self.model.modules() if isinstance(module, Cell)]
+        self.compiled = [self.model.separator, *cells] + ([self.model.flow] if self.model.flow else [])
+
+    def loss(self, model: torch.nn.Module, place: Place, step: int) -> torch.Tensor:
+        """Mean square error of both videos over fresh scenes and masks."""
+        config, size = self.model.config, self.sample.crop
+        shape = (self.sample.batch, config.views, config.frames, size, size)
+        made = batch(self.scenes, self.seed, place.rank, step, shape)
+        count = min(self.sample.window, config.frames)
+        start = int(np.random.default_rng([self.seed, place.rank, step]).integers(config.frames - count + 1))
+        window = slice(start, start + count)
+        with torch.autocast(place.device.type, torch.bfloat16):
+            first, refined = model(made.y, made.masks, window=window)
+        coarse = (first.float() - made.truth).square().mean()
+        if config.refine == "none":
+            return coarse
+        return ALPHA * coarse + (refined.float() - made.truth[:, :, window]).square().mean()
+
+    def validate(self, network: torch.nn.Module, place: Place) -> torch.Tensor:
+        """Sums of the PSNR in dB of first and refined videos, and the number of videos.
+
+        Each held-out clip is seen together with the next ones, through masks that move as the benchmark's do.
+        """
+        config = self.model.config
+        total = torch.zeros(3, dtype=torch.float64)
+        masks = moving_masks((config.views, config.frames, SIZE, SIZE), seed=1).astype(np.float32)
+        coded = torch.from_numpy(masks).to(place.device)
+        clips = [c.frames[: config.frames] for c in self.validation if len(c.frames) >= config.frames]
+        clips = [c[:, : c.shape[1] // 2 * 2, : c.shape[2] // 2 * 2] for c in clips if min(c.shape[1:]) >= SIZE]
+        with torch.inference_mode(), torch.autocast(place.device.type, torch.bfloat16):
+            for n in range(place.rank, len(clips), place.world):
+                views = [centre(clips[(n + v) % len(clips)]) for v in range(config.views)]
+                truth = torch.from_numpy(np.stack(views)).to(place.device).float() / 255
+                for k, video in enumerate(network((coded * truth).sum((0, 1))[None], coded[None])):
+                    error = (video[0].float().clamp(0, 1) - truth).square().mean((2, 3)).clamp(min=1e-12)
+                    total[k] -= 10 * error.log10().mean(1).sum().cpu()
+                total[2] += config.views
+        return total
+
+
+class Flow(Stage):
+    """Stage "flow": the flow net alone, on pairs of pictures whose motion is known."""
+
+    name, scores = "flow", ("end_point_error", "of_no_motion")
+
+    def __init__(self, *rest, **more):
+        super().__init__(*rest, **more)
+        assert self.model.flow is not None
+        self.network, self.compiled = self.model.flow, [*self.model.flow.encoder, *self.model.flow.decoder]
+        self.held_out = Scenes(self.validation, self.scenes.device)
+
+    def loss(self, model: torch.nn.Module, place: Place, step: int) -> torch.Tensor:
+        """End-point error over the scales, in pixels."""
+        first, second, truth = self._pairs(self.scenes, 1 + step, place)
+        with torch.autocast(place.device.type, torch.bfloat16):
+            flows = model(first, second)
+        return pyramid_loss(flows, truth)
+
+    def validate(self, network: torch.nn.Module, place: Place) -> torch.Tensor:
+        """Sums over held-out pairs of the end-point error and of that of a flow of 0, and their number."""
+        first, second, truth = self._pairs(self.held_out, 0, place)
+        with torch.inference_mode(), torch.autocast(place.device.type, torch.bfloat16):
+            flow = enlarged(network(first, second)[-1], 2)
+        errors = [end_point_error(flow, truth), end_point_error(torch.zeros_like(truth), truth)]
+        return torch.tensor([*(e.item() for e in errors), 1], dtype=torch.float64)
+
+    def averaged(self, network: torch.nn.Module) -> OFaNet:
+        """The model as it came, with the flow net that was trained."""
+        assert self.model.flow is not None
+        whole = OFaNet(self.model.config)
+        whole.load_state_dict(self.model.state_dict())
+        assert whole.flow is not None
+        whole.flow.load_state_dict(network.state_dict())
+        return whole
+
+    def _pairs(self, scenes: Scenes, step: int, place: Place) -> tuple[torch.Tensor, torch.Tensor, torch.Tensor]:
+        random = generator(place.device, self.seed, place.rank, step)
+        return pairs(scenes.crops(random, 2 * self.sample.batch, 1, self.sample.crop)[:, 0], random)
+
+
+def centre(frames: np.ndarray) -> np.ndarray:
+    """The central square (B, 256, 256)."""
+    top, left = ((size - SIZE) // 2 for size in frames.shape[1:])
+    return frames[:, top : top + SIZE, left : left + SIZE]

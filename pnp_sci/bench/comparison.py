@@ -1,0 +1,251 @@
+"""Several methods on one measurement, with or without the truth, each with what reproduces it."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Sequence
+from dataclasses import asdict, dataclass, field
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from .. import api
+from ..arguments import Reference
+from ..errors import InputError
+from ..masks import condition
+from ..operator import as_masks
+from ..problem import check_measurement, check_noise, check_operator, pose
+from ..result import Result
+from ..scene import SceneModel
+from .held_back import filled_start, held_back_score
+from .methods import Method, Source
+from .runner import machine, scores
+
+
+@dataclass(frozen=True, eq=False)
+class Trial:
+    """One method on the measurement.
+
+    Attributes
+    ----------
+    method : Method
+    python : str
+        A call that gives the same result.
+    command : str or None
+        A command line that does, where the files are known.
+    result : Result or None
+        None if it failed.
+    error : str or None
+        Why it failed.
+    score : float or None
+        See :func:`pnp_sci.bench.held_back_score`.
+    psnr, ssim : tuple of float
+        One value per view; empty without truth.
+    """
+
+    method: Method
+    python: str
+    command: str | None
+    result: Result | None = None
+    error: str | None = None
+    score: float | None = None
+    psnr: tuple[float, ...] = ()
+    ssim: tuple[float, ...] = ()
+
+    @property
+    def quality(self) -> float | None:
+        """Mean PSNR over the views, or the score where no truth is known."""
+        return float(np.mean(self.psnr)) if self.psnr else self.score
+
+    def row(self) -> dict[str, Any]:
+        """What of it is numbers and words, as JSON can hold it; the video is not in it."""
+        row: dict[str, Any] = {"name": self.method.name, **asdict(self.method), "error": self.error}
+        if self.result is not None:
+            last = self.result.history[-1]
+            row |= {
+                "seconds": self.result.settings["seconds"],
+                "iterations_done": last.iteration,
+                "status": self.result.status.value,
+                "residual": last.residual,
+                "score": self.score,
+                "psnr": list(self.psnr),
+                "ssim": list(self.ssim),
+                "settings": self.result.settings,
+            }
+        return row | {"python": self.python, "command": self.command}
+
+
+@dataclass(frozen=True, eq=False)
+class Comparison:
+    """What :func:`compare` hands back.
+
+    Attributes
+    ----------
+    y : ndarray, (H, W)
+    trials : tuple of Trial
+        In the order of the methods.
+    truth : ndarray or None
+        (V, B, H, W), if it is known; white is 1.
+    white : float
+        The value of the videos that is shown as white.
+    facts : dict
+        Of the measurement, in words.
+    """
+
+    y: np.ndarray
+    trials: tuple[Trial, ...]
+    truth: np.ndarray | None
+    white: float
+    facts: dict[str, str]
+    machine: dict[str, Any] = field(default_factory=machine)
+
+    def as_json(self) -> str:
+        """All rows with their settings, the facts, and on what it was measured. NaN is null."""
+        rows = [trial.row() for trial in self.trials]
+        return json.dumps(_finite({"machine": self.machine, "measurement": self.facts, "rows": rows}), indent=2)
+
+    def save_html(self, path: str | Path, title: str = "Comparison of reconstructions") -> None:
+        """Write a report for the browser: one file that needs nothing else, see :mod:`pnp_sci.bench.report`."""
+        from .report import write
+
+        write(path, self, title)
+
+
+def compare(
+    y: Any,
+    masks: Any,
+    methods: Sequence[Method],
+    *,
+    reference: Any = None,
+    source: Source | None = None,
+    progress: bool = False,
+    noise: float | str = "auto",
+    seed: int = 0,
+    device: str | None = None,
+) -> Comparison:
+    """Run several methods on one measurement.
+
+    Each runs twice: with a share of the pixels held back, which gives its score and loads and compiles what it needs,
+    and as it is, which gives the video and the seconds. A method that fails is a row with its error.
+
+    Parameters
+    ----------
+    y : array_like, (H, W)
+    masks : array_like, (V, B, H, W) or (B, H, W)
+    methods : sequence of Method
+    reference : array_like, optional
+        The truth, as for :func:`pnp_sci.solve`.
+    source : Source, optional
+        Where y and masks come from.
+    progress : bool
+        Show a progress bar.
+    noise, seed, device
+        As for :func:`pnp_sci.solve`, for all methods.
+
+    Returns
+    -------
+    Comparison
+
+    Raises
+    ------
+    InputError, InputTypeError
+        If y, masks, noise or the reference cannot be used.
+
+    Examples
+    --------
+    >>> import pnp_sci
+    >>> from pnp_sci.bench import grid
+    >>> scene = pnp_sci.datasets.embedded_scene(32)
+    >>> both = compare(scene.y, scene.masks, grid(["tv", "none"], iterations=5), reference=scene.truth)
+    >>> tv, none = both.trials
+    >>> tv.score > none.score, tv.quality > none.quality
+    (True, True)
+    """
+    from tqdm.auto import tqdm
+
+    if np.ndim(y) != 2:
+        raise InputError(f"y has shape {np.shape(y)}: one measurement (rows, columns) was expected")
+    if not methods:
+        raise InputError("methods is empty: one at least was expected")
+    task = _Task.of(y, masks, reference, {"noise": noise, "seed": seed, "device": device}, source)
+    trials = tuple(task.attempt(method) for method in tqdm(methods, "compare", disable=not progress, leave=False))
+    if task.truth is not None:
+        return Comparison(task.y, trials, task.truth.array[0] / task.truth.white, task.truth.white, task.facts())
+    whites = [trial.result.white for trial in trials if trial.result is not None]
+    return Comparison(task.y, trials, None, float(np.median(whites)) if whites else 1.0, task.facts())
+
+
+@dataclass(frozen=True, eq=False)
+class _Task:
+    """What all methods share: the measurement, what is known of it, and what is asked of every solver."""
+
+    y: np.ndarray
+    masks: Any  # as they came, so that their hash in the settings is that of the file
+    planes: np.ndarray  # the same, (V, B, H, W)
+    unit: float  # the value of x that is 1 where x spans about [0, 1]
+    noise: float  # in the units of y
+    scene: SceneModel
+    truth: Reference | None
+    common: dict[str, Any]
+    source: Source | None
+
+    @classmethod
+    def of(cls, y: Any, masks: Any, reference: Any, common: dict[str, Any], source: Source | None) -> _Task:
+        (picture,) = check_measurement(y)
+        planes = as_masks(masks)
+        op, largest = check_operator(planes, picture[None])
+        problem = pose(op, largest, picture, check_noise(common["noise"]))
+        return cls(
+            picture,
+            masks,
+            planes,
+            problem.unit,
+            problem.noise * problem.unit * largest,
+            api.choose_scene("auto", problem),
+            None if reference is None else Reference(reference, (1, *op.shape)),
+            common,
+            source,
+        )
+
+    def attempt(self, method: Method) -> Trial:
+        words = method.python(self.source, **self.common), method.command(self.source, **self.common)
+        try:
+            score = self.score(method)
+            result = api.solve(self.y, self.masks, **method.arguments(), **self.common)
+        except Exception as error:  # whatever a plugin raises, the other methods go on
+            return Trial(method, *words, error=" ".join(str(error).split()) or type(error).__name__)
+        if self.truth is None:
+            return Trial(method, *words, result, None, score)
+        psnr, ssim = scores(result.x / self.truth.white, self.truth.array[0] / self.truth.white)
+        return Trial(method, *words, result, None, score, psnr, ssim)
+
+    def score(self, method: Method) -> float:
+        """Noise and scene are as all pixels tell them: the same for every method, undisturbed by holes."""
+        known = {"init": filled_start(method.init), "noise": self.noise, "scene": self.scene}
+        settings = method.arguments() | self.common | known
+        return held_back_score(
+            lambda y, masks: api.solve(y, masks, **settings).x, self.y, self.planes, noise=self.noise, white=self.unit
+        )
+
+    def facts(self) -> dict[str, str]:
+        report, known = condition(self.planes), "given" if self.common["noise"] != "auto" else "estimated"
+        views, frames, rows, columns = self.planes.shape
+        lines = [line.split(": ", 1) for line in str(report).splitlines() if not line.startswith("Warning")]
+        return {
+            "Size": f"{views} view{'s' * (views != 1)} x {frames} frames of {rows} x {columns} in one picture",
+            "Values": f"{self.y.min():.4g} to {self.y.max():.4g}",
+            "Noise": f"{self.noise:.3g} (standard deviation, {known})",
+            "Scene": self.scene.reason,
+            **dict(lines),
+            **({"Warnings": "; ".join(report.warnings)} if report.warnings else {}),
+        }
+
+
+def _finite(value: Any) -> Any:
+    """The same with None for numbers that JSON cannot hold."""
+    if isinstance(value, dict):
+        return {key: _finite(item) for key, item in value.items()}
+    if isinstance(value, (list, tuple)):
+        return [_finite(item) for item in value]
+    return None if isinstance(value, float) and not np.isfinite(value) else value

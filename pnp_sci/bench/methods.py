@@ -1,0 +1,123 @@
+"""Ways to solve, by names: what is compared, and what others type to get the same."""
+
+from __future__ import annotations
+
+import shlex
+from collections.abc import Iterable
+from dataclasses import asdict, dataclass
+from itertools import product
+from pathlib import Path
+from typing import Any
+
+
+@dataclass(frozen=True)
+class Source:
+    """The files that the measurement and its masks were read from, so that a row can be reproduced.
+
+    Attributes
+    ----------
+    measurement, masks : path
+    views, key, masks_key, index : optional
+        As for ``pnp-sci solve``.
+    """
+
+    measurement: Path
+    masks: Path
+    views: int | None = None
+    key: str | None = None
+    masks_key: str | None = None
+    index: int | None = None
+
+    def python(self) -> str:
+        """Lines that read both."""
+        y = _call("io.read_measurement", repr(str(self.measurement)), key=self.key)
+        chosen = "" if self.index is None else f"[{self.index}]"
+        masks = _call("io.read_masks", repr(str(self.masks)), views=self.views, key=self.masks_key)
+        return f"import pnp_sci\nfrom pnp_sci import io\n\ny = {y}{chosen}\nmasks = {masks}\n"
+
+    def command(self) -> list[str]:
+        """Words of the command line up to the method's own options."""
+        options = {"views": self.views, "key": self.key, "masks_key": self.masks_key, "index": self.index}
+        return ["pnp-sci", "solve", str(self.measurement), "--masks", str(self.masks), *_options(options)]
+
+
+@dataclass(frozen=True)
+class Method:
+    """A way to solve, by names, so that it can be told to others.
+
+    Attributes
+    ----------
+    prior, init, algorithm, effort : str
+        As for :func:`pnp_sci.solve`.
+    iterations : int, optional
+        At most so many; by default as `effort` says.
+    """
+
+    prior: str
+    init: str = "adjoint"
+    algorithm: str = "gap"
+    effort: str = "balanced"
+    iterations: int | None = None
+
+    @property
+    def name(self) -> str:
+        """The prior, and whatever else is not as usual.
+
+        >>> Method("flow").name, Method("tv", init="ofanet", effort="fast").name
+        ('flow', 'tv from ofanet, fast')
+        """
+        usual = Method(self.prior)
+        words = [self.prior if self.init == usual.init else f"{self.prior} from {self.init}"]
+        words += [getattr(self, key) for key in ("algorithm", "effort") if getattr(self, key) != getattr(usual, key)]
+        if self.iterations is not None:
+            words.append(f"{self.iterations} iteration{'s' * (self.iterations != 1)}")
+        return ", ".join(words)
+
+    def arguments(self) -> dict[str, Any]:
+        """For :func:`pnp_sci.solve`, as keywords."""
+        return {key: value for key, value in asdict(self).items() if value is not None}
+
+    def python(self, source: Source | None, **common: Any) -> str:
+        """A call that does the same, with `common` among its keywords; after lines that read the source, if any."""
+        read = source.python() if source else ""
+        return f"{read}result = {_call('pnp_sci.solve', 'y', 'masks', **self.arguments(), **common)}"
+
+    def command(self, source: Source | None, **common: Any) -> str | None:
+        """A command line that does the same, where the files are known."""
+        return shlex.join([*source.command(), *_options(self.arguments() | common)]) if source else None
+
+
+def grid(
+    priors: Iterable[str],
+    inits: Iterable[str] = ("adjoint",),
+    algorithms: Iterable[str] = ("gap",),
+    efforts: Iterable[str] = ("balanced",),
+    iterations: int | None = None,
+) -> list[Method]:
+    """All combinations, each once.
+
+    >>> [method.name for method in grid(["tv", "flow"], efforts=["fast", "balanced"])]
+    ['tv, fast', 'tv', 'flow, fast', 'flow']
+    """
+    combinations = product(priors, inits, algorithms, efforts)
+    return list(dict.fromkeys(Method(*combination, iterations) for combination in combinations))
+
+
+def _call(function: str, *positional: str, **keywords: Any) -> str:
+    """The text of a call; keywords that are None are left out.
+
+    >>> _call("io.read_masks", repr("a.mat"), views=2, key=None)
+    "io.read_masks('a.mat', views=2)"
+    """
+    words = [*positional, *(f"{key}={value!r}" for key, value in keywords.items() if value is not None)]
+    return f"{function}({', '.join(words)})"
+
+
+def _options(settings: dict[str, Any]) -> list[str]:
+    """Words of a command line; what is None is left out.
+
+    >>> _options({"masks_key": "C", "views": None, "seed": 0})
+    ['--masks-key', 'C', '--seed', '0']
+    """
+    pairs = ((f"--{key.replace('_', '-')}", str(value)) for key, value in settings.items() if value is not None)
+    return [word for pair in pairs for word in pair]

@@ -1,0 +1,28 @@
+"""Where networks run, and in which precision.
+
+This module imports torch; nothing in :mod:`pnp_sci` imports it before it is asked for.
+"""
+
+from __future__ import annotations
+
+import torch
+
+from .errors import InputError
+
+
+def usable(device: str | None) -> torch.device:
+    """The device of that name, the CPU by default; raises InputError if it cannot be used here."""
+    try:
+        place = torch.device(device or "cpu")
+        torch.empty(0, device=place)
+    except (RuntimeError, AssertionError) as error:
+        raise InputError(f"device: {device!r} cannot be used here: {str(error).splitlines()[0]}") from error
+    return place
+
+
+def half_precision(device: torch.device) -> bool:
+    """Whether `device` multiplies bfloat16 natively; where it must be emulated, float32 is quicker."""
+    if device.type == "cuda":
+        return torch.cuda.is_bf16_supported(including_emulation=False)
+    native = ("_is_avx512_bf16_supported", "_is_amx_tile_supported")  # private, and absent from some versions of torch
+    return device.type == "cpu" and any(getattr(torch.cpu, name, bool)() for name in native)

@@ -1,0 +1,262 @@
+"""The training loop: one process or several (torchrun), CPU or CUDA, to the end of a budget of minutes or steps."""
+
+from __future__ import annotations
+
+import csv
+import logging
+import math
+import os
+import statistics
+import time
+from collections import deque
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, field
+from datetime import timedelta
+from pathlib import Path
+from typing import Protocol
+
+import torch
+from torch import distributed
+from torch.nn.parallel import DistributedDataParallel
+from torch.optim.swa_utils import AveragedModel, get_ema_multi_avg_fn
+
+from ..errors import FormatError
+
+log = logging.getLogger(__name__)
+
+VALIDATIONS = 20  # in the whole budget, each with a checkpoint
+AGREE = 20  # steps between two looks of all processes at the first one's clock
+WARM_UP = 0.01  # of the budget
+DECAY = 0.999  # of the moving average
+SCHEDULES: dict[str, Callable[[float], float]] = {  # part of the budget that is spent -> part of the highest rate
+    "cosine": lambda done: min(done / WARM_UP, 0.5 + 0.5 * math.cos(math.pi * done)),
+    "steps": lambda done: 0.9 ** int(9 * done),  # OFaNet's: 10 % less every ten of ninety epochs
+}
+
+
+@dataclass(frozen=True)
+class Budget:
+    """How long is trained and how fast: until `steps`, or else for `minutes`; `out` holds checkpoint and curves."""
+
+    out: Path
+    minutes: float = 90.0
+    steps: int | None = None
+    seed: int = 0
+    rate: float = 1e-3
+    schedule: str = "cosine"
+
+
+@dataclass
+class Progress:
+    """How far training is. seconds: time spent in steps, by the first process's clock; rows: the curves."""
+
+    step: int = 0
+    seconds: float = 0.0
+    rows: list[list[float]] = field(default_factory=list)
+
+
+@dataclass(frozen=True)
+class Place:
+    """Which of how many processes this is, and where it computes."""
+
+    rank: int
+    world: int
+    device: torch.device
+
+    @classmethod
+    def here(cls, device: str = "auto") -> Place:
+        """As torchrun's environment says; "auto" is CUDA where there is one."""
+        if device == "auto":
+            device = f"cuda:{os.environ.get('LOCAL_RANK', 0)}" if torch.cuda.is_available() else "cpu"
+        return cls(int(os.environ.get("RANK", 0)), int(os.environ.get("WORLD_SIZE", 1)), torch.device(device))
+
+    def hardware(self) -> str:
+        """Describe the machine in kind, not by name."""
+        if self.device.type == "cuda":
+            return f"{self.world} x {torch.cuda.get_device_name(self.device)}"
+        capability = torch.backends.cpu.get_cpu_capability()
+        threads = torch.get_num_threads()
+        return f"CPU with {capability}, {os.cpu_count()} cores, {self.world} process(es) of {threads} thread(s)"
+
+
+class Task(Protocol):
+    """What is trained: a network, its loss and its validation. The loop knows nothing else of it."""
+
+    @property
+    def name(self) -> str:
+        """What the checkpoint says it holds."""
+        ...
+
+    @property
+    def network(self) -> torch.nn.Module:
+        """What learns."""
+        ...
+
+    @property
+    def scores(self) -> tuple[str, ...]:
+        """What `validate` measures, as the curves name it."""
+        ...
+
+    @property
+    def compiled(self) -> Sequence[torch.nn.Module]:
+        """The parts of `network` that are worth compiling where there is CUDA."""
+        ...
+
+    def loss(self, model: torch.nn.Module, place: Place, step: int) -> torch.Tensor:
+        """The loss of one batch, the same for the same rank and step; `model` is `network`, perhaps wrapped."""
+        ...
+
+    def validate(self, network: torch.nn.Module, place: Place) -> torch.Tensor:
+        """Sum of each score over the validation cases of this process, then their number."""
+        ...
+
+    def publish(self, network: torch.nn.Module, progress: Progress, place: Place) -> None:
+        """Write weights and model card of the averaged `network`."""
+        ...
+
+
+class Clock:
+    """Times laps; one that lasts over five times the median counts as that: the process was paused.
+
+    What passes before the first lap ends does not count: kernels are compiled and chosen there.
+    """
+
+    def __init__(self) -> None:
+        self.recent: deque[float] = deque(maxlen=101)
+        self.last = math.inf
+
+    def restart(self) -> None:
+        """Leave out what has passed since the last lap."""
+        self.last = time.perf_counter()
+
+    def lap(self) -> float:
+        """Return the seconds to count for the lap that ends now."""
+        now = time.perf_counter()
+        lasted, self.last = now - self.last, now
+        if lasted < 0:
+            return 0.0
+        self.recent.append(lasted)
+        return min(lasted, 5 * statistics.median(self.recent))
+
+
+class Trainer:
+    """Everything that a checkpoint must hold, and the steps that change it."""
+
+    def __init__(self, task: Task, budget: Budget, place: Place):
+        self.task, self.budget, self.place = task, budget, place
+        self.network = task.network.to(place.device, memory_format=torch.channels_last)  # type: ignore[call-overload]
+        self.average = AveragedModel(self.network, multi_avg_fn=get_ema_multi_avg_fn(DECAY))
+        learned = [p for p in self.network.parameters() if p.requires_grad]
+        self.optimizer = torch.optim.AdamW(learned, lr=budget.rate, weight_decay=1e-4, foreach=True)
+        if place.device.type == "cuda":  # on the CPU compiling takes longer than it saves
+            torch.backends.cudnn.benchmark = True
+            for module in task.compiled:
+                module.compile()
+        self.model = DistributedDataParallel(self.network) if place.world > 1 else self.network
+        self.progress = Progress()
+
+    def done(self) -> float:
+        """Part of the budget that is spent, the same in all processes."""
+        if self.budget.steps is not None:
+            return self.progress.step / self.budget.steps
+        spent = torch.tensor([self.progress.seconds / (60 * self.budget.minutes)], device=self.place.device)
+        if self.place.world > 1:
+            distributed.broadcast(spent, 0)
+        return spent.item()
+
+    def step(self, done: float) -> torch.Tensor:
+        """One step of the optimiser; returns the loss."""
+        for group in self.optimizer.param_groups:
+            group["lr"] = max(self.budget.rate * SCHEDULES[self.budget.schedule](done), 1e-6)
+        loss = self.task.loss(self.model, self.place, self.progress.step)
+        self.optimizer.zero_grad()
+        loss.backward()
+        torch.nn.utils.clip_grad_norm_(self.network.parameters(), 1.0, foreach=True)
+        self.optimizer.step()
+        self.average.update_parameters(self.network)
+        self.progress.step += 1
+        return loss.detach()
+
+    def validate(self) -> list[float]:
+        """Mean scores of the averaged weights; the processes share the cases."""
+        total = self.task.validate(self.average.module, self.place).to(self.place.device)
+        if self.place.world > 1:
+            distributed.all_reduce(total)
+        return (total[:-1] / total[-1].clamp(min=1)).tolist()
+
+    def publish(self) -> None:
+        """Write checkpoint, curves, weights and card; a file is renamed to its place when it is complete."""
+        out = self.budget.out
+        out.mkdir(parents=True, exist_ok=True)
+        state = {
+            "name": self.task.name,
+            "seed": self.budget.seed,
+            "network": self.network.state_dict(),
+            "average": self.average.state_dict(),
+            "optimizer": self.optimizer.state_dict(),
+            "progress": vars(self.progress),
+        }
+        torch.save(state, out / "checkpoint.partial")
+        os.replace(out / "checkpoint.partial", out / "checkpoint.pt")
+        with open(out / "curves.csv", "w", newline="") as file:
+            writer = csv.writer(file)
+            writer.writerow(["step", "minutes", "loss", *self.task.scores])
+            writer.writerows(self.progress.rows)
+        self.task.publish(self.average.module, self.progress, self.place)
+
+    def resume(self) -> None:
+        """Continue where the checkpoint in the output folder stands."""
+        state = torch.load(self.budget.out / "checkpoint.pt", map_location=self.place.device, weights_only=True)
+        if (state["name"], state["seed"]) != (self.task.name, self.budget.seed):
+            raise FormatError(
+                f"resume: the checkpoint is of {state['name']} with seed {state['seed']}, "
+                f"but {self.task.name} with seed {self.budget.seed} was asked for"
+            )
+        self.network.load_state_dict(state["network"])
+        self.average.load_state_dict(state["average"])
+        self.optimizer.load_state_dict(state["optimizer"])
+        self.progress = Progress(**state["progress"])
+
+
+def train(task: Task, budget: Budget, place: Place, resume: bool = False) -> Progress:
+    """Train until the budget is spent; to resume a run that has spent its own only writes its files anew."""
+    trainer = Trainer(task, budget, place)
+    if resume:
+        trainer.resume()
+    progress, clock, losses = trainer.progress, Clock(), []
+    done = trainer.done()
+    mark = int(done * VALIDATIONS)
+    if done >= 1 and place.rank == 0:
+        trainer.publish()
+    while done < 1:
+        losses.append(trainer.step(done))
+        if budget.steps is not None or progress.step % AGREE == 0:
+            if place.device.type == "cuda":
+                torch.cuda.synchronize()  # else the clock runs ahead of the device
+            progress.seconds += clock.lap()
+            done = trainer.done()
+        if int(done * VALIDATIONS) > mark:
+            mark = int(done * VALIDATIONS)
+            loss, losses = torch.stack(losses).mean().item(), []
+            row = [progress.step, round(progress.seconds / 60, 3), loss, *trainer.validate()]
+            progress.rows.append(row)
+            if place.rank == 0:
+                trainer.publish()
+                shown = "  ".join(f"{name} {value:.3f}" for name, value in zip(task.scores, row[3:]))
+                log.info("%s: %3.0f %%, step %d, loss %.5f, %s", task.name, 100 * done, progress.step, loss, shown)
+            clock.restart()
+    return progress
+
+
+def launch(run: Callable[[], object]) -> None:
+    """Call `run`, within a process group if torchrun started this process."""
+    logging.basicConfig(level=logging.INFO, format="%(asctime)s %(message)s")
+    if int(os.environ.get("WORLD_SIZE", 1)) == 1:
+        run()
+        return
+    backend = "nccl" if torch.cuda.is_available() else "gloo"
+    distributed.init_process_group(backend, timeout=timedelta(days=1))  # outlasts a run that somebody pauses
+    try:
+        run()
+    finally:
+        distributed.destroy_process_group()
