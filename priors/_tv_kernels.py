@@ -1,88 +1,113 @@
 """Chambolle's dual projection for total variation over rows, columns and, with a weight per pixel, time.
 
-The dual field p holds one flat array of forward differences per axis, as whole multiples of 1 / `one` in a short integer
-type: it is what passes through memory most. As p vanishes on the last row, column and frame, the difference that leads
-to a pixel is always the one a row, column or frame before it in the flat array, across the edges too; zeros of one row,
-column or frame in front serve the very first pixels.
-
-A step takes a band of rows of one view through the frames: the primal variable of frame k + 1 is made from the old p
-just before frame k of p is renewed, so each value is read once. The first row of every band is made beforehand: the
-band above needs it, and p may have changed by then.
+The dual field p holds one video of forward differences per axis; it vanishes on the last row, column and frame, so that
+its divergence needs no special case there. A step takes a band of rows of one view through the frames: the primal
+variable of frame k + 1 is made from the old p just before frame k of p is renewed, so each value is read once. The
+first row of every band is made beforehand: the band above needs it, and p may have changed by then.
 """
 
 import numba
 import numpy as np
 
-from pnp_sci._jit import kernel, loop
+from pnp_sci._jit import device_function, kernel
 
 BAND = 32  # rows
-CHUNK = 4  # rows that stay in the nearest cache between two loops
 
 
-@loop
-def _primal_in_space(v, weight, left, right, above, below, u):
-    """u <- v + weight * div p, from the differences that lead to and away from each pixel."""
-    real = v.dtype.type
-    for j in range(v.size):
-        u[j] = v[j] + weight * (real(right[j]) - real(left[j]) + real(below[j]) - real(above[j]))
+@device_function
+def _primal(v, weight, time, p_rows, p_columns, p_time, n, k, start, stop, u):
+    """u <- rows start ... stop - 1 of frame k, view n of v + weight * div p."""
+    columns = v.shape[3]
+    for i in range(start, stop):
+        o = u[i - start]
+        o[0] = v[n, k, i, 0] + weight * (p_columns[n, k, i, 0] + p_rows[n, k, i, 0])
+        for j in range(1, columns):
+            o[j] = v[n, k, i, j] + weight * (p_columns[n, k, i, j] - p_columns[n, k, i, j - 1] + p_rows[n, k, i, j])
+        if i > 0:
+            for j in range(columns):
+                o[j] -= weight * p_rows[n, k, i - 1, j]
+        if p_time.size > 0:
+            if k > 0:
+                for j in range(columns):
+                    o[j] += weight * time[n, i, j] * (p_time[n, k, i, j] - p_time[n, k - 1, i, j])
+            else:
+                for j in range(columns):
+                    o[j] += weight * time[n, i, j] * p_time[n, k, i, j]
 
 
-@loop
-def _primal(v, weight, left, right, above, below, time, before, after, u):
-    """The same with differences along time, weighted."""
-    real = v.dtype.type
-    for j in range(v.size):
-        space = real(right[j]) - real(left[j]) + real(below[j]) - real(above[j])
-        u[j] = v[j] + weight * (space + time[j] * (real(after[j]) - real(before[j])))
-
-
-@loop
-def _dual_in_space(u, below, across, step, one, isotropic, a, b):
-    """(a, b) <- projection of (a, b) + gradient of u; across is the part of the gradient along columns."""
-    real = u.dtype.type
-    for j in range(u.size):
-        p = real(a[j]) + step * (below[j] - u[j])
-        q = real(b[j]) + across[j]
-        if isotropic:
-            scale = one / np.sqrt(max(one * one, p * p + q * q))
-            a[j], b[j] = np.rint(p * scale), np.rint(q * scale)
-        else:
-            a[j], b[j] = np.rint(max(-one, min(one, p))), np.rint(max(-one, min(one, q)))
-
-
-@loop
-def _dual(u, below, across, time, then, step, one, isotropic, a, b, c):
-    """The same with differences c along time, weighted."""
-    real = u.dtype.type
-    for j in range(u.size):
-        p = real(a[j]) + step * (below[j] - u[j])
-        q = real(b[j]) + across[j]
-        r = real(c[j]) + step * time[j] * (then[j] - u[j])
-        if isotropic:
-            scale = one / np.sqrt(max(one * one, p * p + q * q + r * r))
-            a[j], b[j], c[j] = np.rint(p * scale), np.rint(q * scale), np.rint(r * scale)
-        else:
-            a[j], b[j] = np.rint(max(-one, min(one, p))), np.rint(max(-one, min(one, q)))
-            c[j] = np.rint(max(-one, min(one, r)))
-
-
-@loop
-def _primal_rows(v, weight, time, p_rows, p_columns, p_time, k, start, stop, u):
-    """u <- rows start ... stop - 1 of v + weight * div p, in frame k of all views' frames."""
-    views, rows, columns = time.shape
-    frames = v.size // time.size
-    plane = rows * columns
-    begin, end = k * plane + start * columns, k * plane + stop * columns
-    left, right = p_columns[begin:end], p_columns[begin + 1 : end + 1]
-    above, below = p_rows[begin:end], p_rows[begin + columns : end + columns]
-    if p_time.size > 0:
-        before, after = p_time[begin:end], p_time[begin + plane : end + plane]
-        t = time[k // frames, start:stop].reshape(-1)
-        _primal(v[begin:end], weight, left, right, above, below, t, before, after, u)
-    else:
-        _primal_in_space(v[begin:end], weight, left, right, above, below, u)
+@device_function
+def _dual(here, after, step, time, isotropic, p_rows, p_columns, p_time, n, k, start, stop):
+    """Renew rows start ... stop - 1 of p, frame k, from the primal rows of this frame and the one after it."""
+    frames, rows, columns = p_rows.shape[1:]
+    one = here.dtype.type(1)
+    for i in range(start, stop):
+        u = here[i - start]
+        a, b = p_rows[n, k, i], p_columns[n, k, i]
+        if i < rows - 1:
+            below = here[i - start + 1]
+            for j in range(columns):
+                a[j] += step * (below[j] - u[j])
+        for j in range(columns - 1):
+            b[j] += step * (u[j + 1] - u[j])
+        if p_time.size > 0:
+            c = p_time[n, k, i]
+            if k < frames - 1:
+                then = after[i - start]
+                for j in range(columns):
+                    c[j] += step * time[n, i, j] * (then[j] - u[j])
+            if isotropic:
+                for j in range(columns):
+                    scale = one / np.sqrt(max(one, a[j] * a[j] + b[j] * b[j] + c[j] * c[j]))
+                    a[j] *= scale
+                    b[j] *= scale
+                    c[j] *= scale
+            else:
+                for j in range(columns):
+                    c[j] = min(one, max(-one, c[j]))
+        elif isotropic:
+            for j in range(columns):
+                scale = one / np.sqrt(max(one, a[j] * a[j] + b[j] * b[j]))
+                a[j] *= scale
+                b[j] *= scale
+        if not isotropic:
+            for j in range(columns):
+                a[j] = min(one, max(-one, a[j]))
+                b[j] = min(one, max(-one, b[j]))
 
 
 @kernel
-def denoise(v, weight, steps, step, one, isotropic, time, p_rows, p_columns, p_time, out):
-    pass
+def denoise(v, weight, steps, step, isotropic, time, p_rows, p_columns, p_time, out):
+    """`steps` dual steps from the given p on v (V, B, H, W), then out <- v + weight * div p.
+
+    time (V, H, W) weighs the differences along time; p_time may be empty, then there are none. out may be v.
+    """
+    views, frames, rows, columns = v.shape
+    bands = (rows + BAND - 1) // BAND
+    first = np.empty((views, bands, frames, 1, columns), v.dtype)
+    for _ in range(steps):
+        for job in numba.prange(views * bands):
+            n, band = job // bands, job % bands
+            top = band * BAND
+            for k in range(frames):
+                _primal(v, weight, time, p_rows, p_columns, p_time, n, k, top, top + 1, first[n, band, k])
+        for job in numba.prange(views * bands):
+            n, band = job // bands, job % bands
+            top = band * BAND
+            bottom = min(top + BAND, rows)
+            here = np.empty((BAND + 1, columns), v.dtype)
+            after = np.empty((BAND + 1, columns), v.dtype)
+            for k in range(-1, frames):
+                if k + 1 < frames:
+                    after[0] = first[n, band, k + 1, 0]
+                    _primal(v, weight, time, p_rows, p_columns, p_time, n, k + 1, top + 1, bottom, after[1:])
+                    if bottom < rows:
+                        after[bottom - top] = first[n, band + 1, k + 1, 0]
+                if k >= 0:
+                    _dual(here, after, step, time, isotropic, p_rows, p_columns, p_time, n, k, top, bottom)
+                here, after = after, here
+    for job in numba.prange(views * frames):
+        n, k = job // frames, job % frames
+        row = np.empty((1, columns), v.dtype)  # out may be v itself, which would keep the loops from being vectorised
+        for i in range(rows):
+            _primal(v, weight, time, p_rows, p_columns, p_time, n, k, i, i + 1, row)
+            out[n, k, i] = row[0]
