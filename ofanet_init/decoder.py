@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import logging
 from functools import cache
 
 import numpy as np
@@ -17,11 +18,14 @@ from pnp_sci.problem import Problem
 from . import _weights
 from .network import OFaNet
 
+_log = logging.getLogger("pnp_sci")
+
 
 def ofanet(op: SensingOperator, y: np.ndarray, *, device: str | None = None) -> np.ndarray:
     """Decode a measurement by OFaNet: separator, optical flow and recurrent refine net.
 
     Where nothing moves in the scene, as :mod:`pnp_sci.scene` judges it, the separator's frames are averaged instead.
+    Where the weights hold no refine net yet, the separator decodes alone, and a warning is logged.
 
     Parameters
     ----------
@@ -72,6 +76,8 @@ def _decoded(op: SensingOperator, y: np.ndarray, device: str | None, refine: boo
     largest = float(op.masks.max()) or 1.0
     place = usable(device)
     network = _network(views, frames, place)
+    if refine and not network.refiners:
+        _log.warning("OFaNet has no refine net for %d x %d frames yet: its separator decodes alone", views, frames)
     masks = torch.from_numpy(op.masks.astype(np.float32) / np.float32(largest))[None].to(place)
     measurement = torch.from_numpy((y / largest).astype(np.float32))[None].to(place)
     with torch.inference_mode(), torch.autocast(place.type, torch.bfloat16, enabled=half_precision(place)):

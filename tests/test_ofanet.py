@@ -259,6 +259,26 @@ def test_nothing_is_refined_where_nothing_moves(trained, case, monkeypatch):
         pnp_sci.decode(y, masks, model="ofanet")
 
 
+def test_a_missing_refine_net_is_said(case, tmp_path, monkeypatch, caplog):
+    weights.save(tmp_path / "v2b4.safetensors", make(refine="none"))
+    monkeypatch.setattr(weights, "FOLDER", tmp_path)
+    decoder._network.cache_clear()
+    whole, fast = (pnp_sci.decode(*case, model=model).x for model in ("ofanet", "ofanet-fast"))
+    decoder._network.cache_clear()
+    assert np.array_equal(whole, fast)
+    assert "no refine net for 2 x 4" in caplog.text
+
+
+def test_shipped_weights_start_well():
+    """Ten iterations from the trained separator are better than ten from nothing, on a scene it has never seen."""
+    scene = pnp_sci.datasets.embedded_scene(96)
+    warm, cold = (
+        pnp_sci.solve(scene.y, scene.masks, init=init, iterations=10, reference=scene.truth).history[-1].psnr
+        for init in ("ofanet-fast", "adjoint")
+    )
+    assert warm > cold + 1
+
+
 @pytest.mark.parametrize("init", ["ofanet", "ofanet-fast"])
 def test_warm_start(trained, case, init):
     y, masks = case
