@@ -50,3 +50,7 @@ def kernel(function: Callable[..., Any]) -> Callable[..., Any]:
 
 
 device_function = numba.njit(inline="always", cache=True, fastmath=_FASTMATH, error_model="numpy")
+
+# One plain loop over arrays, a function of its own: inside a parallel region LLVM does not vectorise it where several
+# arrays are written, as it cannot tell them apart.
+loop = numba.njit(cache=True, fastmath=_FASTMATH, error_model="numpy")

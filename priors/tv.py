@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import itertools
 from typing import Any, Literal
 
 import numpy as np
@@ -10,8 +9,14 @@ import numpy as np
 from pnp_sci.errors import InputError
 
 NOTHING = 1e-12  # a weight that changes no digit of values about 1, and whose inverse would overflow further down
+ALL = 1e6  # a weight that leaves nothing of values about 1; with more the steps would be too small for fixed point
+COARSE = (
+    0.5  # largest weight for a dual variable in 16 bits: the error is some 1e-5 then, and proportional to the weight
+)
+ONE = {np.int16: 2**15 - 1, np.int32: 2**30}  # what stands for 1 in the dual variable
 SETTLE = 40  # calls after which the estimate shows what moves
 TRUSTED = 0.06  # largest sigma at which changes along time are taken for motion; with more they are mostly noise
+AROUND = 15  # pixels a side, averaged twice: about a Gaussian of 6
 TIME_BEFORE = 0.1  # weight along time until then: the best single value for moving clips and the benchmark alike
 
 
@@ -72,6 +77,7 @@ class TV:
     def reset(self) -> None:
         """Forget the dual variable and what was measured: the next call starts a new video."""
         self._calls = 0
+        self._fits: tuple[tuple[int, ...], np.dtype] | None = None
         self._dual: list[np.ndarray] = []
         self._weights = np.empty(0)
 
@@ -100,28 +106,35 @@ class TV:
         if not sigma >= 0:
             raise InputError(f"sigma is {sigma}: a number >= 0 was expected")
         out = np.empty_like(v) if out is None else out
-        weight = v.dtype.type(self.strength * sigma)
+        weight = min(self.strength * sigma, ALL)
         if weight < NOTHING:
             np.copyto(out, v)
             return out
-        self._prepare(v)
-        step = v.dtype.type(1 / (8 + 4 * float(self._weights.max(initial=0)) ** 2) / weight)
-        denoise(v, weight, self.inner, step, self.isotropic, self._weights, *self._dual, out)
+        one = self._prepare(v, np.int16 if v.dtype == np.float32 and weight <= COARSE else np.int32)
+        step = 1 / (8 + 4 * float(self._weights.max(initial=0)) ** 2) / weight
+        units = (v.dtype.type(a) for a in (weight / one, step * one, one))
+        denoise(v, self.inner, *units, self.isotropic, self._weights, *self._dual, out)
         self._calls += 1
         if self._calls == SETTLE and self.time == "auto" and v.shape[1] > 1 and sigma <= TRUSTED:
             self._weights = np.stack([time_weights(view) for view in out])
         return out
 
-    def _prepare(self, v: np.ndarray) -> None:
-        """A dual variable and weights along time that fit v."""
-        views, frames, *frame = v.shape
-        if not self._dual or self._dual[0].shape != v.shape or self._dual[0].dtype != v.dtype:
+    def _prepare(self, v: np.ndarray, kind: type[np.int16 | np.int32]) -> int:
+        """A dual variable of this type and weights along time that fit v; returns what stands for 1 in the dual."""
+        views, frames, rows, columns = v.shape
+        if self._fits != (v.shape, v.dtype):
             self.reset()
+            self._fits = v.shape, v.dtype
             along_time = frames > 1 and self.time != 0
-            empty = (views, 0, 0, 0)
-            self._dual = [np.zeros(v.shape if used else empty, v.dtype) for used in (True, True, along_time)]
+            before_first = (columns, 1, rows * columns)
+            sizes = [(v.size + n) * used for n, used in zip(before_first, (True, True, along_time))]
+            self._dual = [np.zeros(size, kind) for size in sizes]
             constant = TIME_BEFORE if self.time == "auto" else self.time
-            self._weights = np.full((views, *frame), constant if along_time else 0, v.dtype)
+            self._weights = np.full((views, rows, columns), constant if along_time else 0, v.dtype)
+        if self._dual[0].dtype != kind:
+            change = ONE[kind] / ONE[self._dual[0].dtype.type]
+            self._dual = [np.rint(p * change).astype(kind) for p in self._dual]
+        return ONE[kind]
 
 
 def time_weights(view: np.ndarray) -> np.ndarray:
@@ -131,13 +144,12 @@ def time_weights(view: np.ndarray) -> np.ndarray:
     within [0.005, 0.7]. The rule is one for all scenes; its constants come from a coarse grid over 14 clips of the
     training set and three pairs of the benchmark, both of which were looked at.
     """
-    from scipy.ndimage import gaussian_filter
+    from scipy.ndimage import uniform_filter
+
+    from ._tv_kernels import activity
 
     space, change = np.zeros_like(view[0]), np.zeros_like(view[0])
-    for frame in view:
-        padded = np.pad(frame, ((0, 1), (0, 1)), mode="edge")
-        space += np.hypot(padded[1:, :-1] - frame, padded[:-1, 1:] - frame) / len(view)
-    for before, after in itertools.pairwise(view):
-        change += np.abs(after - before) / (len(view) - 1)
-    space, change = (gaussian_filter(a, 6, mode="nearest") + 1e-4 for a in (space, change))
-    return np.clip(0.4 * (space / change) ** 3, 0.005, 0.7).astype(view.dtype)
+    activity(view, space, change)
+    for _ in range(2):
+        space, change = (uniform_filter(a, AROUND, mode="nearest") for a in (space, change))
+    return np.clip(0.4 * ((space + 1e-4) / (change + 1e-4)) ** 3, 0.005, 0.7)
