@@ -7,7 +7,7 @@ from torch.nn import functional
 
 BLUR = 2.0  # standard deviation in pixels of the smoothing G; the paper says "e.g. a Gaussian filter", no width
 RADIUS = 6  # of its kernel
-DARKEST = 0.5  # of one open mask: less light than this in all frames together tells next to nothing, and amplifies noise
+DARKEST = 0.5  # of one open mask: less in all frames together tells next to nothing, and would amplify noise
 
 
 def normalised(y: torch.Tensor, masks: torch.Tensor) -> torch.Tensor:

@@ -42,7 +42,7 @@ def solve(
     iterations: int | None = None,
     noise: float | str = "auto",
     sigma: float | None = None,
-    tol: float = 1e-4,
+    tol: float = 8e-5,
     time_budget: float | None = None,
     reference: Any = None,
     callback: Callable[[State], Any] | None = None,
@@ -151,8 +151,10 @@ def solve(
             problem = pose(op, largest, measurement, noise)
             model = choose_scene(scene, problem)
             reduced = model.reduce(op)
-            x = model.restrict(first_estimate(init, problem))
-            states = iterate(reduced, problem.y, denoiser, x, algorithm=algorithm, noise=problem.noise, sigma=sigma)
+            states = iterate(
+                reduced, problem.y, denoiser, model.restrict(first_estimate(init, problem)),
+                algorithm=algorithm, noise=problem.noise, sigma=sigma,
+            )  # fmt: skip
 
             def score(x: np.ndarray, n: int = n, model: SceneModel = model, unit: float = problem.unit):
                 return truth.psnr(model.expand(x, op.shape), n, unit) if truth else None

@@ -66,6 +66,7 @@ def iterate(
     denoise = _in_place(denoiser)
     reset(denoiser)
     state = start(op, y, x)
+    del x  # as large as all that a step needs
     while True:
         yield state
         state = step(op, y, denoise, state, plan.sigma, plan.rho)

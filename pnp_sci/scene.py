@@ -135,7 +135,7 @@ def _predicts_better(
 ) -> bool:
     """Whether the simple model predicts pixels of y held back clearly better, on the tile where it has most trouble."""
     seen = np.random.default_rng(0).random(y.shape) >= HELD_BACK
-    error = next(_prediction_errors(simple.reduce(op), y, seen, noise, denoiser, ITERATIONS))
+    error = next(_prediction_errors(simple.reduce(op), y, seen, noise, denoiser, EARLY))
     crop = _worst_tile(error**2)
     part, y, seen = SensingOperator(op.masks[(..., *crop)], op.dtype), y[crop], seen[crop]
     if seen.all():

@@ -14,7 +14,7 @@ import numpy as np
 
 from pnp_sci._jit import kernel, loop
 
-BAND = 32  # rows
+BAND = 64  # rows
 CHUNK = 4  # rows of the result
 
 
