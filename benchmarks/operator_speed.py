@@ -65,7 +65,7 @@ def memory():
 
 
 def measure_memory():
-    small = pnp_sci.datasets.embedded_scene(64)
+    small = pnp_sci.datasets.embedded_scene(200)
     pnp_sci.solve(small.y, small.masks, iterations=45, tol=0)  # compile and load
     scene = pnp_sci.datasets.embedded_scene(SHAPE[-1])
     y, masks, size = scene.y, scene.masks, scene.truth.size

@@ -151,7 +151,7 @@ def solve(
             problem = pose(op, largest, measurement, noise)
             model = choose_scene(scene, problem)
             reduced = model.reduce(op)
-            states = iterate(
+            states = iterate(  # no name for the first estimate, which is freed after the first step
                 reduced, problem.y, denoiser, model.restrict(first_estimate(init, problem)),
                 algorithm=algorithm, noise=problem.noise, sigma=sigma,
             )  # fmt: skip

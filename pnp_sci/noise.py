@@ -48,7 +48,7 @@ def estimate_noise(op: SensingOperator, y: np.ndarray) -> float:
     terms = []
     for masks in op.masks:
         total = _blocks(masks.sum(0, dtype=np.float64))
-        drift = _blocks(np.einsum("b,bij->ij", time, masks))
+        drift = _blocks(np.einsum("b,bij->ij", time, masks))  # not tensordot: threads of BLAS would go on spinning
         terms += [total, total * tilt[:, None], total * tilt, drift]
     model = np.stack([t.reshape(-1, BLOCK * BLOCK) for t in terms], axis=-1)
     values = _blocks(y.astype(np.float64)).reshape(-1, BLOCK * BLOCK)

@@ -18,7 +18,7 @@ DARK = 0.08  # of the brightest view's level: below, a view may be absent
 TILE = 96  # pixels a side of the crop on which models are compared
 HELD_BACK = 0.1  # of the pixels of y, to be predicted
 ITERATIONS = 60  # of the quick estimates; with fewer the full model has not shown yet what it can do
-EARLY = 20  # iterations after which the full model may have shown enough
+EARLY = 20  # iterations that show where the simple model fits worst, and sometimes that the full one is better
 CLEARLY = 0.8  # of the full model's squared error beyond the noise: on 10 scenes from clips of the training set and of
 # the benchmark, whole and cropped, still ones had 0.45 to 0.74 of it and moving ones 0.89 to 4.7
 
@@ -126,8 +126,11 @@ def view_levels(op: SensingOperator, y: np.ndarray) -> np.ndarray:
     sums = op.masks.sum(1, dtype=np.float64)
     fine = np.stack([s - gaussian_filter(s, 4, mode="nearest") for s in sums]).reshape(len(sums), -1)
     detail = (y - gaussian_filter(y.astype(np.float64), 4, mode="nearest")).reshape(-1)
-    normal = np.einsum("vp,wp->vw", fine, fine)
-    return np.abs(np.linalg.pinv(normal, hermitian=True) @ np.einsum("vp,p->v", fine, detail))
+    normal = np.einsum(
+        "vp,wp->vw", fine, fine
+    )  # by einsum: threads of BLAS go on spinning and keep the kernels waiting
+    # below 1e-10 of the largest eigenvalue there is rounding: such views cannot be told apart, and share what there is
+    return np.abs(np.linalg.pinv(normal, rcond=1e-10, hermitian=True) @ np.einsum("vp,p->v", fine, detail))
 
 
 def _predicts_better(

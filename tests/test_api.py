@@ -41,10 +41,11 @@ def test_benchmark_pairs(pair, data):
     assert (psnr >= np.array(peers[pair]) - 0.1).all(), psnr
 
 
+@pytest.mark.parametrize("dtype", [np.float32, np.float64])
 @pytest.mark.parametrize("factor", [1e-6, 1e-3, 255, 1e6])
-def test_scale_equivariance(scene, factor):
-    y = scene.y.astype(np.float64)
-    scaled, plain = (solve(a * y, scene.masks, iterations=30).x for a in (factor, 1))
+def test_scale_equivariance(scene, factor, dtype):
+    y = scene.y.astype(dtype)
+    scaled, plain = (solve(dtype(a) * y, scene.masks).x for a in (factor, 1))
     assert relative(scaled, factor * plain) < 1e-4
 
 
@@ -129,6 +130,22 @@ def test_a_prior_that_returns_nan_is_caught(scene):
     assert result.status is Status.NOT_FINITE
     assert np.isfinite(result.x).all()
     assert result.x.any()
+
+
+@pytest.mark.parametrize("value", [np.nan, np.inf])
+def test_a_bad_value_that_no_mask_lets_through_is_caught(scene, value):
+    """The guard looks at the residual alone."""
+    masks = scene.masks.copy()
+    masks[:, :, 3, 4] = 0
+
+    def spoiled(x, sigma):
+        x = x.copy()
+        x[0, 0, 3, 4] = value
+        return x
+
+    result = solve(scene.y, masks, prior=spoiled, scene="full")
+    assert result.status is Status.NOT_FINITE
+    assert np.isfinite(result.x).all()
 
 
 def test_stages_and_joint(scene):

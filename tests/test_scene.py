@@ -4,8 +4,9 @@ import numpy as np
 import pytest
 
 import pnp_sci
-from pnp_sci import SceneModel, datasets, solve
+from pnp_sci import SceneModel, SensingOperator, datasets, solve
 from pnp_sci.errors import InputError
+from pnp_sci.scene import view_levels
 
 
 @pytest.fixture(scope="module")
@@ -78,3 +79,14 @@ def test_a_view_that_is_not_dropped_stays_in_the_still_model(monkeypatch, scene)
     y = pnp_sci.simulate(truth, scene.masks)
     monkeypatch.setattr("pnp_sci.scene._predicts_better", lambda op, y, noise, denoiser, simple, other: simple.still)
     assert solve(y, scene.masks, iterations=1).scene["views"] == (True, True)
+
+
+@pytest.mark.parametrize("dtype", [np.float32, np.float64])
+def test_views_that_cannot_be_told_apart_share_the_light(dtype):
+    """Masks that are multiples of each other: no view may look dark for rounding alone."""
+    random = np.random.default_rng(1)
+    masks = random.random((1, 4, 256, 256))
+    op = SensingOperator(np.concatenate([masks, 1.09 * masks]).astype(dtype), dtype)
+    y = op.forward(np.full(op.shape, 0.5, dtype)) + 0.05 * random.standard_normal((256, 256)).astype(dtype)
+    first, second = view_levels(op, y)
+    assert second / first == pytest.approx(1.09, abs=1e-2)

@@ -64,6 +64,64 @@ def test_minimises_its_objective(isotropic, time):
             assert objective(x - size * direction) > best - 1e-6 * best
 
 
+def plain(v, weight, time, steps):
+    """The dual projection written out in numpy, isotropic, from p = 0."""
+    p = np.zeros((3, *v.shape))
+    axes = ((1, time), (2, 1), (3, 1))
+    for step in range(steps + 1):
+        parts = (s * np.diff(q, axis=a, prepend=0 * np.take(q, [0], a)) for q, (a, s) in zip(p, axes))
+        u = v + weight * sum(parts)
+        if step < steps:
+            p += differences(u, time) / ((8 + 4 * time**2) * weight)
+            p /= np.maximum(1, np.sqrt((p**2).sum(0)))
+    return u
+
+
+@pytest.mark.parametrize("weight", [0.02, 0.5, 0.8])
+@pytest.mark.parametrize("shape", [(2, 3, 65, 21), (1, 2, 64, 5), (3, 4, 129, 1), (1, 1, 1, 9)], ids=str)
+@pytest.mark.parametrize(("dtype", "tolerance"), [(np.float32, 1e-3), (np.float64, 1e-7)])
+def test_steps_are_those_of_the_formula(shape, weight, dtype, tolerance):
+    """Over the joins of bands of rows, of frames and of views, with a dual variable in 16 and in 32 bits."""
+    x = steps_and_noise(shape, dtype)
+    time = 0.7 if shape[1] > 1 else 0.0
+    ours = TV(inner=20, time=time)(x, weight)
+    np.testing.assert_allclose(ours, plain(x.astype(float), weight, time, 20), atol=tolerance * weight)
+
+
+def test_strong_weights_along_time_need_a_finer_dual_variable():
+    x = steps_and_noise((1, 4, 24, 24))
+    ours = TV(inner=2000, time=30)(x.astype(np.float32), 0.1)
+    np.testing.assert_allclose(ours, TV(inner=2000, time=30)(x, 0.1), atol=5e-4)
+
+
+def test_the_noise_level_may_change_between_calls():
+    """From 16 to 32 bits of the dual variable and back, nothing is lost."""
+    x = steps_and_noise((1, 3, 40, 20))
+    single, double = TV(time=0.3), TV(time=0.3)
+    for sigma in (0.1, 0.4, 0.7, 0.4, 0.9, 0.1):
+        np.testing.assert_allclose(single(x.astype(np.float32), sigma), double(x, sigma), atol=1e-4)
+
+
+def test_parallel_and_in_place_are_the_same():
+    """Videos above and below the size from which threads are used, and a result that overwrites its input."""
+    x = steps_and_noise((2, 4, 100, 70), np.float32)
+    together, alone = TV(time=0.3), [TV(time=0.3), TV(time=0.3)]
+    for _ in range(3):
+        v = x.copy()
+        both = together(v, 0.1, out=v)
+        assert both is v
+        for view, denoise, expected in zip(x, alone, both):
+            np.testing.assert_array_equal(denoise(view[None], 0.1)[0], expected)
+
+
+@pytest.mark.parametrize(
+    "out", [np.empty((1, 2, 8, 8)), np.empty((2, 8, 8), np.float32), np.empty((1, 2, 8, 16))[..., ::2]]
+)
+def test_an_unfit_out_is_named(out):
+    with pytest.raises(InputError, match="out is"):
+        TV()(np.zeros((1, 2, 8, 8), np.float32), 0.1, out=out)
+
+
 @pytest.mark.parametrize("time", [0, 0.3])
 def test_many_short_calls_are_one_long_call(time):
     """The dual variable is kept: a hundred calls of two steps do what one of two hundred does."""
