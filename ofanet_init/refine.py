@@ -38,7 +38,8 @@ class Cell(nn.Module):
             convolution(20 + 40 * flows + (20 if diversity else 0) + 10, HIDDEN, 3), ResidualUnit(HIDDEN)
         )
         self.r = chain(HIDDEN, (3, 40), (1, 30), (3, 20), (1, 20), (3, 20), (1, 1), last=False)
-        nn.init.normal_(self.r[-1].weight, std=1e-2)  # type: ignore[arg-type]  # it starts by adding little
+        for start in self.r[-1].parameters():  # it starts by adding nothing
+            nn.init.zeros_(start)
 
     def forward(
         self, frame: torch.Tensor, flows: list[torch.Tensor], constant: list[torch.Tensor], hidden: torch.Tensor

@@ -35,9 +35,8 @@ def make(**fields):
     """An untrained model whose layers all do something."""
     torch.manual_seed(0)
     model = network.OFaNet(config.OFaNetConfig(**{"frames": 4} | fields))
-    if model.flow is not None:
-        for layer in model.flow.predict:
-            torch.nn.init.normal_(layer.weight, std=0.1)
+    for layer in (*(model.flow.predict if model.flow else ()), *(net.cell.r[-1] for net in model.refiners)):
+        torch.nn.init.normal_(layer.weight, std=0.1)
     return model.eval()
 
 
@@ -314,3 +313,10 @@ def test_a_later_stage_takes_over_what_it_knows(tmp_path):
     weights.start(late, tmp_path / "dns.safetensors")
     assert late.separator.branches[0].cnn1[1].weight.abs().max() == 0
     assert torch.equal(late.flow.predict[0].weight, flow_before)
+
+
+def test_an_untrained_refine_net_changes_nothing():
+    model = network.OFaNet(config.OFaNetConfig(frames=4)).eval()
+    with torch.inference_mode():
+        first, refined = model(*measured())
+    assert torch.equal(first, refined)

@@ -32,13 +32,18 @@ PATH = click.Path(path_type=Path)
 @click.option("--start", type=PATH, multiple=True, help="Weights to start from, of an earlier stage; repeatable.")
 @click.option("--out", type=PATH, help="Folder for checkpoint and curves.  [default: runs/ofanet-STAGE]")
 @click.option("--weights", type=PATH, help="Weights to write, the card beside them.  [default: OUT/ofanet.safetensors]")
-@click.option("--minutes", default=90.0, help="Budget of time spent in training; a pause does not count.")
-@click.option("--steps", type=int, help="Budget of steps instead.")
+@click.option(
+    "--minutes",
+    default=90.0,
+    type=click.FloatRange(min=0, min_open=True),
+    help="Budget of time spent in training; a pause does not count.",
+)
+@click.option("--steps", type=click.IntRange(min=1), help="Budget of steps instead.")
 @click.option("--seed", default=0, help="Seed of weights, crops, masks and noise.")
 @click.option("--rate", default=3e-4, help="Highest learning rate.")
 @click.option("--schedule", type=click.Choice(sorted(SCHEDULES)), default="steps", help="steps: the paper's.")
 @click.option("--crop", default=256, help="Height and width of a training sample in pixels.")
-@click.option("--batch", default=2, help="Samples a step and process.")
+@click.option("--batch", default=2, type=click.IntRange(min=1), help="Samples a step and process.")
 @click.option("--window", type=int, help="Frames in a row that are refined in a step, to save time.  [default: all]")
 @click.option("--device", default="auto", help="cpu, cuda or auto.")
 @click.option("--resume", is_flag=True, help="Continue from the checkpoint in the output folder.")

@@ -9,12 +9,13 @@ from pathlib import Path
 import numpy as np
 import torch
 
+from pnp_sci.errors import InputError
 from pnp_sci.masks import moving_masks
 from pnp_sci.training.clips import Clip
 from pnp_sci.training.loop import Place, Progress
 
 from .. import _weights
-from ..flow import enlarged
+from ..flow import COARSEST, enlarged
 from ..network import OFaNet
 from ..refine import Cell
 from .card import write_card
@@ -114,9 +115,12 @@ class Flow(Stage):
 
     def __init__(self, *rest, **more):
         super().__init__(*rest, **more)
-        assert self.model.flow is not None
+        if self.model.flow is None:
+            raise InputError("stage is flow, but without a refine net that sees flows there is no flow net to train")
+        if self.sample.crop % COARSEST:
+            raise InputError(f"crop is {self.sample.crop}: a multiple of {COARSEST} was expected for the flow net")
         self.network, self.compiled = self.model.flow, [*self.model.flow.encoder, *self.model.flow.decoder]
-        self.held_out = Scenes(self.validation, self.scenes.device)
+        self.held_out = Scenes(self.validation, self.scenes.device) if self.validation else None
 
     def loss(self, model: torch.nn.Module, place: Place, step: int) -> torch.Tensor:
         """End-point error over the scales, in pixels."""
@@ -127,6 +131,8 @@ class Flow(Stage):
 
     def validate(self, network: torch.nn.Module, place: Place) -> torch.Tensor:
         """Sums over held-out pairs of the end-point error and of that of a flow of 0, and their number."""
+        if self.held_out is None:
+            return torch.zeros(3, dtype=torch.float64)
         first, second, truth = self._pairs(self.held_out, 0, place)
         with torch.inference_mode(), torch.autocast(place.device.type, torch.bfloat16):
             flow = enlarged(network(first, second)[-1], 2)

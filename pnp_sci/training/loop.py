@@ -206,7 +206,10 @@ class Trainer:
 
     def resume(self) -> None:
         """Continue where the checkpoint in the output folder stands."""
-        state = torch.load(self.budget.out / "checkpoint.pt", map_location=self.place.device, weights_only=True)
+        checkpoint = self.budget.out / "checkpoint.pt"
+        if not checkpoint.is_file():
+            raise FormatError(f"resume: {checkpoint} was expected, but there is none")
+        state = torch.load(checkpoint, map_location=self.place.device, weights_only=True)
         if (state["name"], state["seed"]) != (self.task.name, self.budget.seed):
             raise FormatError(
                 f"resume: the checkpoint is of {state['name']} with seed {state['seed']}, "
