@@ -10,6 +10,7 @@ from hypothesis import settings
 import priors
 from priors.ffdnet import FFDNet
 from priors.flow import Flow
+from priors.flow_video import FlowVideo
 from priors.tv import TV
 from priors.video import VideoDenoiser
 from priors.wavelet import Wavelet
@@ -39,9 +40,9 @@ OPERATORS = {
 _WEIGHTS = Path(priors.__file__).parent / "weights"
 
 
-def _learned(cls, name):
-    missing = not (_WEIGHTS / f"{name}.safetensors").is_file()
-    return pytest.param(cls, id=name, marks=pytest.mark.skipif(missing, reason=f"no weights for {name} yet"))
+def _learned(make, name, weights):
+    missing = not (_WEIGHTS / f"{weights}.safetensors").is_file()
+    return pytest.param(make, id=name, marks=pytest.mark.skipif(missing, reason=f"no weights for {weights} yet"))
 
 
 CLASSICAL = [  # what is smooth already stays as it is
@@ -54,7 +55,13 @@ CLASSICAL = [  # what is smooth already stays as it is
     pytest.param(lambda: Wavelet(wavelet="haar", time=0, shifts=2), id="haar frame by frame"),
     pytest.param(lambda: Wavelet(wavelet="bior4.4", time=3, levels=5), id="wavelet deep in time"),
 ]
-PRIORS = [*CLASSICAL, pytest.param(Flow, id="flow"), _learned(FFDNet, "ffdnet"), _learned(VideoDenoiser, "video")]
+PRIORS = [
+    *CLASSICAL,
+    pytest.param(Flow, id="flow"),
+    _learned(FFDNet, "ffdnet", "ffdnet"),
+    _learned(VideoDenoiser, "video", "video"),
+    _learned(lambda: FlowVideo(alone=0), "flow-video", "video"),
+]
 
 
 @pytest.fixture(scope="session")

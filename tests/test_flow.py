@@ -90,3 +90,30 @@ def test_any_sigma_once_motion_is_used(moving, sigma):
 def test_errors_name_the_option(option):
     with pytest.raises(InputError, match=next(iter(option))):
         Flow(**option)
+
+
+def test_a_network_on_top_is_better_than_flow_alone():
+    """The same iterations up to the 60th; from there both views gain."""
+    pytest.importorskip("torch")
+    scene = datasets.embedded_scene(96)
+    alone, aided = (
+        pnp_sci.solve(scene.y, scene.masks, prior, iterations=75, reference=scene.truth, scene="full")
+        for prior in ("flow", "flow-video")
+    )
+    np.testing.assert_array_equal(alone.history["psnr"][:61], aided.history["psnr"][:61])
+    assert (pnp_sci.psnr(aided.x, scene.truth) > pnp_sci.psnr(alone.x, scene.truth)).all()
+
+
+def test_best_effort_is_flow_and_network():
+    pytest.importorskip("torch")
+    scene = datasets.embedded_scene(32)
+    result = pnp_sci.solve(scene.y, scene.masks, "auto", effort="best", tol=0)
+    assert result.settings["prior"] == [["flow-video", 90]]
+    assert result.settings["iterations"] == 90
+
+
+def test_best_effort_without_torch_is_flow(monkeypatch):
+    monkeypatch.setattr("pnp_sci.api.find_spec", lambda name: None)
+    scene = datasets.embedded_scene(32)
+    result = pnp_sci.solve(scene.y, scene.masks, "auto", effort="best", iterations=2)
+    assert result.settings["prior"] == pnp_sci.solve(scene.y, scene.masks, "flow", iterations=2).settings["prior"]

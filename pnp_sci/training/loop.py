@@ -18,7 +18,7 @@ from typing import Protocol
 import torch
 from torch import distributed
 from torch.nn.parallel import DistributedDataParallel
-from torch.optim.swa_utils import AveragedModel, get_ema_multi_avg_fn
+from torch.optim.swa_utils import AveragedModel
 
 from ..errors import FormatError
 
@@ -27,7 +27,7 @@ log = logging.getLogger(__name__)
 VALIDATIONS = 20  # in the whole budget, each with a checkpoint
 AGREE = 20  # steps between two looks of all processes at the first one's clock
 WARM_UP = 0.01  # of the budget
-DECAY = 0.999  # of the moving average
+DECAY = 0.999  # of the moving average; less in the beginning, see `moving_average`
 SCHEDULES: dict[str, Callable[[float], float]] = {  # part of the budget that is spent -> part of the highest rate
     "cosine": lambda done: min(done / WARM_UP, 0.5 + 0.5 * math.cos(math.pi * done)),
     "steps": lambda done: 0.9 ** int(9 * done),  # OFaNet's: 10 % less every ten of ninety epochs
@@ -139,13 +139,21 @@ class Clock:
         return min(lasted, 5 * statistics.median(self.recent))
 
 
+def moving_average(averaged: torch.Tensor, current: torch.Tensor, steps: torch.Tensor | int) -> torch.Tensor:
+    """Move `averaged` towards `current` by ``9 / (9 + steps)`` of the way, and never by less than ``1 - DECAY``.
+
+    So it forgets the first steps, far from anything useful, in a short training too.
+    """
+    return averaged.lerp(current, max(1 - DECAY, 9 / (9 + int(steps))))
+
+
 class Trainer:
     """Everything that a checkpoint must hold, and the steps that change it."""
 
     def __init__(self, task: Task, budget: Budget, place: Place):
         self.task, self.budget, self.place = task, budget, place
         self.network = task.network.to(place.device, memory_format=torch.channels_last)  # type: ignore[call-overload]
-        self.average = AveragedModel(self.network, multi_avg_fn=get_ema_multi_avg_fn(DECAY))
+        self.average = AveragedModel(self.network, avg_fn=moving_average)
         learned = [p for p in self.network.parameters() if p.requires_grad]
         self.optimizer = torch.optim.AdamW(learned, lr=budget.rate, weight_decay=1e-4, foreach=True)
         if place.device.type == "cuda":  # on the CPU compiling takes longer than it saves
