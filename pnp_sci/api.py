@@ -28,7 +28,7 @@ from .scene import SceneModel, full, judge
 from .solvers import ALGORITHMS, State
 
 EFFORTS = {"fast": 50, "balanced": 100, "best": 200}  # iterations; TV has converged to 0.05 dB by 100 on training clips
-# a network's 30 last calls take as long as some 300 of flow
+# 40 calls of the network take as long as some 150 of flow
 AUTO = {"fast": "tv", "balanced": "flow", "best": [("flow-video", 90)]}
 _log = logging.getLogger("pnp_sci")
 

@@ -34,6 +34,8 @@ class Flow:
         Difference between a frame and its warped neighbour at which the weight falls to 1/e, > 0, in units of sigma.
     drift : float
         Distance in pixels between going there and back along the flow at which the weight falls to 1/e, > 0.
+    strength : float
+        Of the TV beside the averages; see :class:`priors.tv.TV`.
 
     Raises
     ------
@@ -53,18 +55,19 @@ class Flow:
     (1, 3, 32, 32)
     """
 
-    def __init__(self, neighbours: int = 3, tolerance: float = 2.2, drift: float = 1.5):
+    def __init__(self, neighbours: int = 3, tolerance: float = 2.2, drift: float = 1.5, strength: float = 1.0):
         if int(neighbours) != neighbours or neighbours < 1:
             raise InputError(f"neighbours is {neighbours}: a whole number >= 1 was expected")
         for name, value in (("tolerance", tolerance), ("drift", drift)):
             if not 0 < value < np.inf:
                 raise InputError(f"{name} is {value}: a number > 0 was expected")
         self.neighbours, self.tolerance, self.drift = int(neighbours), float(tolerance), float(drift)
-        self._before, self._beside = TV(), TV(time=0, inner=3)
+        self._before, self._beside = TV(), TV(strength, time=0, inner=3)
         self.reset()
 
     def __repr__(self) -> str:
-        return f"Flow(neighbours={self.neighbours}, tolerance={self.tolerance}, drift={self.drift})"
+        numbers = f"neighbours={self.neighbours}, tolerance={self.tolerance}, drift={self.drift}"
+        return f"Flow({numbers}, strength={self._beside.strength})"
 
     def reset(self) -> None:
         """Forget the flow and what TV keeps: the next call starts a new video."""
