@@ -18,11 +18,16 @@ from pnp_sci.problem import Problem
 from . import _weights
 from .network import OFaNet
 
+ERROR = 0.1  # standard deviation of the network's errors, where the video spans [0, 1]
+
 _log = logging.getLogger("pnp_sci")
 
 
 def ofanet(op: SensingOperator, y: np.ndarray, *, device: str | None = None) -> np.ndarray:
     """Decode a measurement by OFaNet: separator, optical flow and recurrent refine net.
+
+    What the network gives is moved to the nearest video that measures y, as far as the noise allows: in the mean that
+    can only bring it closer to the scene.
 
     Where nothing moves in the scene, as :mod:`pnp_sci.scene` judges it, the separator's frames are averaged instead.
     Where the weights hold no refine net yet, the separator decodes alone, and a warning is logged.
@@ -65,7 +70,7 @@ def ofanet(op: SensingOperator, y: np.ndarray, *, device: str | None = None) -> 
 
 
 def ofanet_fast(op: SensingOperator, y: np.ndarray, *, device: str | None = None) -> np.ndarray:
-    """Decode a measurement by OFaNet's diversity amplifier and dual-net separator alone; see :func:`ofanet`."""
+    """Decode a measurement by OFaNet's diversity amplifier and dual-net separator without refine net; see `ofanet`."""
     return _decoded(op, y, device, refine=False)
 
 
@@ -82,7 +87,8 @@ def _decoded(op: SensingOperator, y: np.ndarray, device: str | None, refine: boo
     measurement = torch.from_numpy((y / largest).astype(np.float32))[None].to(place)
     with torch.inference_mode(), torch.autocast(place.type, torch.bfloat16, enabled=half_precision(place)):
         estimates = network(measurement, masks, refine)
-    return estimates.refined[0].float().cpu().numpy().astype(op.dtype)
+    x = estimates.refined[0].float().cpu().numpy().astype(op.dtype)
+    return op.project(x, y, (estimate_noise(op, y) / ERROR) ** 2)
 
 
 @cache

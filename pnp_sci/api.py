@@ -28,8 +28,8 @@ from .scene import SceneModel, full, judge
 from .solvers import ALGORITHMS, State
 
 EFFORTS = {"fast": 50, "balanced": 100, "best": 200}  # iterations; TV has converged to 0.05 dB by 100 on training clips
-# 40 calls of the network take as long as some 150 of flow
-AUTO = {"fast": "tv", "balanced": "flow", "best": [("flow-video", 90)]}
+# 60 calls of the network take some three times as long as 100 of flow
+AUTO = {"fast": "tv", "balanced": "flow", "best": [("flow-video", 110)]}
 _log = logging.getLogger("pnp_sci")
 
 
@@ -71,7 +71,7 @@ def solve(
         "gap" is accelerated, with a regularised projection where there is noise.
     effort : "fast", "balanced" or "best"
         At most 50, 100 or 200 iterations, unless `iterations` says otherwise; and what the prior "auto" stands for:
-        "tv", "flow", or 90 iterations of "flow-video" (where PyTorch is installed).
+        "tv", "flow", or 110 iterations of "flow-video" (where PyTorch is installed).
     scene : "auto", "full" or SceneModel
         What to model. "auto" drops views that are dark and models a scene in which nothing moves by one frame per view;
         `Result.scene` says what was modelled and why.

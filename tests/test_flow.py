@@ -109,8 +109,8 @@ def test_best_effort_is_flow_and_network():
     pytest.importorskip("torch")
     scene = datasets.embedded_scene(32)
     result = pnp_sci.solve(scene.y, scene.masks, "auto", effort="best", tol=0)
-    assert result.settings["prior"] == [["flow-video", 90]]
-    assert result.settings["iterations"] == 90
+    assert result.settings["prior"] == [["flow-video", 110]]
+    assert result.settings["iterations"] == 110
 
 
 def test_best_effort_without_torch_is_flow(monkeypatch):
