@@ -1,4 +1,4 @@
-"""tv, flow and flow-video on the benchmark pairs, under the noise of the paper's protocol, and on the real chopper wheel.
+"""tv, flow and flow-video on the benchmark pairs, with the noise of the paper's protocol, and on the real wheel.
 
 PNP_SCI_DATA=... python benchmarks/priors_compared.py
 """
