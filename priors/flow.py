@@ -13,14 +13,14 @@ from .tv import TV
 
 FIRST = 40  # calls of TV alone, until the estimate shows enough for its motion to be seen
 RENEW = 5  # calls between two estimates of the flow
-LOUD = 0.2  # sigma above which noise hides the motion: better than TV at 0.13, worse at 0.5 (three benchmark pairs)
+LOUD = 0.35  # sigma above which noise hides the motion: better than TV at 0.29, worse at 0.5 (three benchmark pairs)
 FAINT = 1e-4  # of the range of x: smaller differences than that are not worth an average
 
 
 class Flow:
     """Each frame of a view averaged with its neighbours along their motion, on top of total variation.
 
-    The first 40 calls are those of :class:`priors.tv.TV`, and so are all with a sigma above 0.2. Then every fifth call
+    The first 40 calls are those of :class:`priors.tv.TV`, and so are all with a sigma above 0.35. Then every fifth call
     estimates the optical flow from each frame straight to each of its neighbours (never chained: chains drift) and how
     far to trust it: where the flow there and the flow back do not cancel, or where the warped neighbour differs from
     the frame, it counts little. Every call denoises by TV, frame by frame, and averages each frame with its neighbours,
