@@ -7,24 +7,35 @@ A block of all K planes stays in the cache between the sum over planes and the u
 import numba
 import numpy as np
 
-from ._jit import kernel
+from ._jit import device_function, kernel
 
-BLOCK = 1024  # pixels; measured best of 256 ... 4096 against an in-place pass over x, at 20 planes
+BLOCK = 2048  # pixels; measured at 20 planes: 4 % faster than 1024, and 4096 is no faster
+
+
+@device_function
+def _measured(masks, x, here):
+    """The sum over planes of masks * x; by twos, so that it passes through the registers half as often."""
+    planes = len(x)
+    real = x.dtype.type
+    total = np.zeros(here.stop - here.start, x.dtype)
+    for k in range(0, planes - 1, 2):
+        m, v, m_next, v_next = masks[k, here], x[k, here], masks[k + 1, here], x[k + 1, here]
+        for p in range(total.size):
+            total[p] += real(m[p]) * v[p] + real(m_next[p]) * v_next[p]
+    if planes % 2:
+        m, v = masks[planes - 1, here], x[planes - 1, here]
+        for p in range(total.size):
+            total[p] += real(m[p]) * v[p]
+    return total
 
 
 @kernel
 def forward(masks, x, y):
     """y <- sum over planes of masks * x."""
-    planes, pixels = x.shape
-    real = x.dtype.type
+    pixels = x.shape[1]
     for block in numba.prange((pixels + BLOCK - 1) // BLOCK):
         here = slice(block * BLOCK, min((block + 1) * BLOCK, pixels))
-        total = np.zeros(here.stop - here.start, x.dtype)
-        for k in range(planes):
-            m, v = masks[k, here], x[k, here]
-            for p in range(total.size):
-                total[p] += real(m[p]) * v[p]
-        y[here] = total
+        y[here] = _measured(masks, x, here)
 
 
 @kernel
@@ -63,15 +74,12 @@ def project(masks, x, y, weight, out, in_place):
     real = x.dtype.type
     for block in numba.prange((pixels + BLOCK - 1) // BLOCK):
         here = slice(block * BLOCK, min((block + 1) * BLOCK, pixels))
-        r = y[here].copy()
-        for k in range(planes):
+        r = (y[here] - _measured(masks, x, here)) * weight[here]
+        for k in range(planes - 1, -1, -1):  # the last ones read are still in the cache
             m, v, w = masks[k, here], x[k, here], out[k, here]
-            for p in range(r.size):
-                r[p] -= real(m[p]) * v[p]
-            if not in_place:
-                w[:] = v
-        r *= weight[here]
-        for k in range(planes):
-            m, w = masks[k, here], out[k, here]
-            for p in range(r.size):
-                w[p] += real(m[p]) * r[p]
+            if in_place:  # one array less to tell apart: as fast as a pass over x can be
+                for p in range(r.size):
+                    w[p] += real(m[p]) * r[p]
+            else:
+                for p in range(r.size):
+                    w[p] = v[p] + real(m[p]) * r[p]

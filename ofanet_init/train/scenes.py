@@ -13,7 +13,7 @@ from pnp_sci.training.clips import Clip
 STILL = 0.2  # portion of samples that are photographs, panned
 PAN = 3.0  # pixels a frame at most
 INDEPENDENT = 0.1  # portion of batches whose masks have nothing in common; the others' are one pattern that moves
-CAMERA = 0.75  # portion of moving masks with the step and shift of the benchmark's camera (see pnp_sci.masks)
+CAMERA = 0.5  # portion of moving masks with the step and shift of the benchmark's camera (see pnp_sci.masks)
 REACH, SHIFT = 2, 30  # largest step between frames and shift between views of the others, in pixels
 LEAK = 0.2  # portion of masks that let some light through where they are closed
 NOISY = 0.2  # portion of measurements with noise ...
