@@ -1,4 +1,4 @@
-"""tv, flow and flow-video on the benchmark pairs, with the noise of the paper's protocol, and on the real wheel.
+"""tv, flow and auto on the benchmark pairs, with the noise of the paper's protocol, and on the real wheel.
 
 PNP_SCI_DATA=... python benchmarks/priors_compared.py
 """
@@ -11,7 +11,12 @@ import pnp_sci
 from pnp_sci import datasets, io
 
 PAIRS = ("bear_blackswan", "car-b_car-w", "hike_hockey")
-METHODS = {"tv": {"prior": "tv"}, "flow": {"prior": "flow"}, "best": {"prior": "auto", "effort": "best"}}
+METHODS = {
+    "tv": {"prior": "tv"},
+    "flow": {"prior": "flow"},
+    "auto": {"prior": "auto"},
+    "best": {"prior": "auto", "effort": "best"},
+}
 
 
 def pairs(noise):
@@ -41,7 +46,7 @@ def wheel():
 
 def main():
     scene = datasets.embedded_scene(64)
-    pnp_sci.solve(scene.y, scene.masks, "flow-video", iterations=52)  # compile and load
+    pnp_sci.solve(scene.y, scene.masks, "flow-ffdnet", iterations=32)  # compile and load
     for noise in (0.0, 0.01, 0.05, 0.1, 0.2):
         pairs(noise)
     wheel()

@@ -28,8 +28,7 @@ from .scene import SceneModel, full, judge
 from .solvers import ALGORITHMS, State
 
 EFFORTS = {"fast": 50, "balanced": 100, "best": 200}  # iterations; TV has converged to 0.05 dB by 100 on training clips
-# 60 calls of the network take some three times as long as 100 of flow
-AUTO = {"fast": "tv", "balanced": "flow", "best": [("flow-video", 110)]}
+AUTO = {"fast": "tv", "balanced": [("flow-ffdnet", 50)], "best": [("flow-ffdnet", 110)]}  # 30 calls are of TV
 _log = logging.getLogger("pnp_sci")
 
 
@@ -71,7 +70,7 @@ def solve(
         "gap" is accelerated, with a regularised projection where there is noise.
     effort : "fast", "balanced" or "best"
         At most 50, 100 or 200 iterations, unless `iterations` says otherwise; and what the prior "auto" stands for:
-        "tv", "flow", or 110 iterations of "flow-video" (where PyTorch is installed).
+        "tv", or 50 or 110 iterations of "flow-ffdnet"; where PyTorch is missing, "flow" for the latter two.
     scene : "auto", "full" or SceneModel
         What to model. "auto" drops views that are dark and models a scene in which nothing moves by one frame per view;
         `Result.scene` says what was modelled and why.
@@ -131,7 +130,7 @@ def solve(
     if isinstance(scene, SceneModel) and (len(scene.views) != op.shape[0] or not any(scene.views)):
         raise InputError(f"scene has views {scene.views}: {op.shape[0]} were expected, one of them True at least")
     if isinstance(prior, str) and prior == "auto":
-        prior = AUTO[effort] if effort != "best" or find_spec("torch") else "flow"
+        prior = AUTO[effort] if effort == "fast" or find_spec("torch") else "flow"
     check_numbers(iterations=iterations, tol=tol, time_budget=time_budget, sigma=sigma)
     denoiser = make_prior(prior, device=device, seed=seed, **prior_options)
     most = iterations if iterations is not None else denoiser.calls if isinstance(denoiser, Stages) else EFFORTS[effort]

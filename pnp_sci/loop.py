@@ -5,7 +5,7 @@ from __future__ import annotations
 import inspect
 import time
 from collections.abc import Callable, Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -67,9 +67,14 @@ def iterate(
     reset(denoiser)
     state = start(op, y, x)
     del x  # as large as all that a step needs
+    sigma, _ = plan.at(0)
     while True:
         yield state
-        state = step(op, y, denoise, state, plan.sigma, plan.rho)
+        before = sigma
+        sigma, rho = plan.at(state.iteration)
+        if sigma != before:  # what the solver has accumulated is in units of sigma
+            state = replace(state, dual=state.dual * op.dtype.type(sigma / before))
+        state = step(op, y, denoise, state, sigma, rho)
 
 
 def _in_place(denoiser: Denoiser) -> Denoiser:

@@ -9,28 +9,48 @@ import numpy as np
 from .operator import SensingOperator
 
 SIGMA = 0.05  # without noise; accelerated GAP converges to the same limit for any, quickest around this one
-BALANCE = 0.5  # sigma * rho per variance of the noise
-SOFTEST = 0.15  # largest rho, in units of the mean gram: beyond, the data act too slowly
+BALANCE = 0.5  # sigma * rho per variance of the noise, where that is small
+SOFTEST = 0.15  # largest rho at the beginning, in units of the mean gram: with more, the data act slowly
+FALL = 40  # iterations in which a sigma that noise has raised falls
 
 
 @dataclass(frozen=True)
 class Schedule:
-    """What the solver calls the denoiser with (sigma, in units where x spans [0, 1]) and rho of the projection."""
+    """What the solver calls the denoiser with, and how far it trusts the data, from iteration to iteration.
 
-    sigma: float
-    rho: float
+    Attributes
+    ----------
+    product : float
+        sigma * rho; 0 without noise.
+    first, last : float
+        sigma at the beginning and after 40 iterations, in units where x spans [0, 1].
+    """
+
+    product: float
+    first: float
+    last: float
+
+    def at(self, iteration: int) -> tuple[float, float]:
+        """sigma, and rho of the projection, for the iteration after so many."""
+        sigma = self.first * (self.last / self.first) ** min(iteration / FALL, 1) if self.first > 0 else 0.0
+        return sigma, self.product / sigma if sigma > 0 else 0.0
 
 
 def schedule_for(op: SensingOperator, noise: float, sigma: float | None = None) -> Schedule:
     """The schedule for a standard deviation `noise` of y, in units where x spans [0, 1], and maybe a given sigma.
 
-    What the solver minimises depends on the product ``sigma * rho = 0.5 noise^2`` only; how quickly it gets there,
-    on the two apart: sigma is 0.05 while rho stays below 0.15 of the mean gram, and grows with the noise beyond.
-    The three constants are one choice for all scenes, made from coarse grids at noise levels from 0 to 0.2 of max(y) on
+    What the solver minimises depends on the product ``sigma * rho`` only: half the variance of the noise, and less than
+    that where the noise in a pixel of x, ``noise^2 / gram``, is no longer small, since the best weight of total
+    variation then grows like the noise and not like its square. How quickly the solver gets there depends on the two
+    apart: sigma begins with 0.05, or with what it takes to have rho at 0.15 of the mean gram; from there it falls
+    within 40 iterations half way back to 0.05 on a scale of powers, where flow and networks can see the motion and the
+    detail that TV leaves.
+    The constants are one choice for all scenes, made from coarse grids at noise levels from 0 to 0.2 of max(y) on
     clips of the training set and on three pairs of the benchmark, both of which were looked at.
     """
-    product = BALANCE * noise**2
+    gram = float(np.mean(op.gram))
+    product = BALANCE * noise**2 * (gram / (gram + noise**2) if gram > 0 else 1.0)
     if sigma is not None:
-        return Schedule(sigma, product / sigma if sigma > 0 else 0.0)
-    rho = min(product / SIGMA, SOFTEST * float(np.mean(op.gram)))
-    return Schedule(product / rho if rho > 0 else SIGMA, rho)
+        return Schedule(product, sigma, sigma)
+    first = max(SIGMA, product / (SOFTEST * gram)) if gram > 0 else SIGMA
+    return Schedule(product, first, float(np.sqrt(first * SIGMA)))

@@ -36,6 +36,11 @@ class Architecture:
     taken: float = 0.0
 
     @property
+    def alone(self) -> bool:
+        """Whether each frame is denoised on its own."""
+        return self.window == 0 and self.taken == 0
+
+    @property
     def multiple(self) -> int:
         """Height and width are padded to a multiple of this: the unshuffling, then one halving a further scale."""
         return 2 ** len(self.widths)

@@ -68,9 +68,14 @@ def measure(view: np.ndarray, neighbours: int, tolerance: float, drift: float) -
     list(_threads().map(estimate, range(len(near))))
     trust = np.empty(flow.shape[:3], np.uint8)
     kernels.consistency(flow, pairs, reverse, drift, trust)
-    weights = np.empty_like(trust)
-    kernels.weigh(view, flow, trust, pairs, view.dtype.type(tolerance), weights)
-    return Motion(pairs, first, flow, weights)
+    motion = Motion(pairs, first, flow, np.empty_like(trust))
+    pilot = view
+    for again in (True, False):  # frames already averaged are cleaner, and tell better which of them are alike
+        kernels.weigh(pilot, flow, trust, pairs, view.dtype.type(tolerance), motion.weights)
+        if again:
+            pilot = np.empty_like(view)
+            motion.average(view, pilot)
+    return motion
 
 
 @cache

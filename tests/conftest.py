@@ -10,7 +10,7 @@ from hypothesis import settings
 import priors
 from priors.ffdnet import FFDNet
 from priors.flow import Flow
-from priors.flow_video import FlowVideo
+from priors.flow_ffdnet import FlowFFDNet
 from priors.tv import TV
 from priors.video import VideoDenoiser
 from priors.wavelet import Wavelet
@@ -60,7 +60,7 @@ PRIORS = [
     pytest.param(Flow, id="flow"),
     _learned(FFDNet, "ffdnet", "ffdnet"),
     _learned(VideoDenoiser, "video", "video"),
-    _learned(lambda: FlowVideo(alone=0), "flow-video", "video"),
+    _learned(FlowFFDNet, "flow-ffdnet", "ffdnet"),
 ]
 
 

@@ -8,7 +8,7 @@ from pnp_sci import datasets
 from pnp_sci.errors import InputError
 from priors import flow
 from priors.flow import Flow
-from priors.flow_video import FlowVideo
+from priors.flow_ffdnet import LOUD, FlowFFDNet
 from priors.motion import measure
 from priors.tv import TV
 
@@ -93,40 +93,68 @@ def test_errors_name_the_option(option):
         Flow(**option)
 
 
-def test_a_network_on_top_is_better_than_flow_alone():
-    """The same iterations of TV up to the 40th; from the 50th the network helps both views."""
+def test_frames_may_have_a_denoiser_of_their_own(moving):
+    """It is asked for every call once the motion is seen, and told of a new video."""
+    asked = []
+
+    class Frames:
+        def reset(self):
+            asked.append("reset")
+
+        def __call__(self, x, sigma):
+            asked.append(sigma)
+            return x
+
+    prior = Flow(frames=Frames())
+    for _ in range(flow.FIRST + 2):
+        prior(moving, 0.05)
+    prior.reset()
+    assert asked == ["reset", 0.05, 0.05, "reset"]
+
+
+def test_a_network_for_the_frames_is_better_than_tv():
+    """The same iterations up to the 30th; from there the network helps both views."""
     pytest.importorskip("torch")
     scene = datasets.embedded_scene(96)
-    alone, aided = (
-        pnp_sci.solve(scene.y, scene.masks, prior, iterations=65, reference=scene.truth, scene="full")
-        for prior in ("flow", "flow-video")
+    plain, learned = (
+        pnp_sci.solve(scene.y, scene.masks, prior, iterations=45, reference=scene.truth, scene="full")
+        for prior in ("flow", "flow-ffdnet")
     )
-    np.testing.assert_array_equal(alone.history["psnr"][:41], aided.history["psnr"][:41])
-    assert (pnp_sci.psnr(aided.x, scene.truth) > pnp_sci.psnr(alone.x, scene.truth)).all()
+    same = flow.FIRST + 1
+    np.testing.assert_array_equal(plain.history["psnr"][:same], learned.history["psnr"][:same])
+    assert (pnp_sci.psnr(learned.x, scene.truth) > pnp_sci.psnr(plain.x, scene.truth)).all()
 
 
-def test_best_effort_is_flow_and_network():
+@pytest.mark.parametrize(("effort", "iterations"), [("balanced", 50), ("best", 110)])
+def test_auto_is_flow_and_network(effort, iterations):
     pytest.importorskip("torch")
     scene = datasets.embedded_scene(32)
-    result = pnp_sci.solve(scene.y, scene.masks, "auto", effort="best", tol=0)
-    assert result.settings["prior"] == [["flow-video", 110]]
-    assert result.settings["iterations"] == 110
+    result = pnp_sci.solve(scene.y, scene.masks, "auto", effort=effort, tol=0)
+    assert result.settings["prior"] == [["flow-ffdnet", iterations]]
+    assert result.settings["iterations"] == iterations
 
 
-def test_best_effort_without_torch_is_flow(monkeypatch):
+@pytest.mark.parametrize("effort", ["balanced", "best"])
+def test_auto_without_torch_is_flow(monkeypatch, effort):
     monkeypatch.setattr("pnp_sci.api.find_spec", lambda name: None)
     scene = datasets.embedded_scene(32)
-    result = pnp_sci.solve(scene.y, scene.masks, "auto", effort="best", iterations=2)
+    result = pnp_sci.solve(scene.y, scene.masks, "auto", effort=effort, iterations=2)
     assert result.settings["prior"] == pnp_sci.solve(scene.y, scene.masks, "flow", iterations=2).settings["prior"]
 
 
-def test_noise_beyond_the_network_is_left_to_flow():
+def test_strong_noise_is_left_to_tv(moving):
     pytest.importorskip("torch")
-    x = np.random.default_rng(0).random((1, 3, 32, 32)).astype(np.float32)
-    np.testing.assert_array_equal(FlowVideo(alone=0)(x, 0.5), Flow()(x, 0.5))
-    assert not np.array_equal(FlowVideo(alone=0)(x, 0.2), Flow()(x, 0.2))
+    for sigma, same in ((1.2 * LOUD, True), (0.8 * LOUD, False)):
+        plain, learned = Flow(), FlowFFDNet()
+        for _ in range(flow.FIRST + 1):
+            a, b = plain(moving, sigma), learned(moving, sigma)
+        assert np.array_equal(a, b) == same
 
 
-def test_alone_is_a_number_of_calls():
-    with pytest.raises(InputError, match="alone is -1"):
-        FlowVideo(alone=-1)
+@pytest.mark.parametrize("sigma", [1e-9, 1e-4])
+def test_little_noise_changes_little_with_the_network_too(moving, sigma):
+    pytest.importorskip("torch")
+    prior = FlowFFDNet()
+    for _ in range(flow.FIRST + 1):
+        after = prior(moving, sigma)
+    np.testing.assert_allclose(after, moving, atol=20 * sigma)
