@@ -29,6 +29,7 @@ from .solvers import ALGORITHMS, State
 
 EFFORTS = {"fast": 50, "balanced": 100, "best": 200}  # iterations; TV has converged to 0.05 dB by 100 on training clips
 AUTO = {"fast": "tv", "balanced": [("flow-ffdnet", 50)], "best": [("flow-ffdnet", 110)]}  # 30 calls are of TV
+LEARNED = ("torch", "safetensors")  # what the networks need
 _log = logging.getLogger("pnp_sci")
 
 
@@ -130,7 +131,7 @@ def solve(
     if isinstance(scene, SceneModel) and (len(scene.views) != op.shape[0] or not any(scene.views)):
         raise InputError(f"scene has views {scene.views}: {op.shape[0]} were expected, one of them True at least")
     if isinstance(prior, str) and prior == "auto":
-        prior = AUTO[effort] if effort == "fast" or find_spec("torch") else "flow"
+        prior = AUTO[effort] if effort == "fast" or all(map(find_spec, LEARNED)) else "flow"
     check_numbers(iterations=iterations, tol=tol, time_budget=time_budget, sigma=sigma)
     denoiser = make_prior(prior, device=device, seed=seed, **prior_options)
     most = iterations if iterations is not None else denoiser.calls if isinstance(denoiser, Stages) else EFFORTS[effort]

@@ -67,14 +67,12 @@ def iterate(
     reset(denoiser)
     state = start(op, y, x)
     del x  # as large as all that a step needs
-    sigma, _ = plan.at(0)
     while True:
         yield state
-        before = sigma
-        sigma, rho = plan.at(state.iteration)
-        if sigma != before:  # what the solver has accumulated is in units of sigma
-            state = replace(state, dual=state.dual * op.dtype.type(sigma / before))
-        state = step(op, y, denoise, state, sigma, rho)
+        strength, rho = plan.at(state.iteration)
+        if state.iteration and strength != state.sigma:  # what the solver has accumulated is in units of sigma
+            state = replace(state, dual=state.dual * op.dtype.type(strength / state.sigma))
+        state = step(op, y, denoise, state, strength, rho)
 
 
 def _in_place(denoiser: Denoiser) -> Denoiser:

@@ -39,18 +39,18 @@ class Schedule:
 def schedule_for(op: SensingOperator, noise: float, sigma: float | None = None) -> Schedule:
     """The schedule for a standard deviation `noise` of y, in units where x spans [0, 1], and maybe a given sigma.
 
-    What the solver minimises depends on the product ``sigma * rho`` only: half the variance of the noise, and less than
-    that where the noise in a pixel of x, ``noise^2 / gram``, is no longer small, since the best weight of total
-    variation then grows like the noise and not like its square. How quickly the solver gets there depends on the two
-    apart: sigma begins with 0.05, or with what it takes to have rho at 0.15 of the mean gram; from there it falls
-    within 40 iterations half way back to 0.05 on a scale of powers, where flow and networks can see the motion and the
-    detail that TV leaves.
+    What GAP and ADMM minimise depends on the product ``sigma * rho`` only: half the variance of the noise, and less
+    than that where the noise in a pixel of x, ``noise / sqrt(gram)``, is no longer small, since the best weight of
+    total variation then grows like the noise and not like its square. How quickly they get there depends on the two apart:
+    sigma begins with 0.05, or with what it takes to have rho at 0.15 of the mean gram; from there it falls within 40
+    iterations half way back to 0.05 on a scale of powers, where flow and networks can see the motion and the detail
+    that TV leaves.
     The constants are one choice for all scenes, made from coarse grids at noise levels from 0 to 0.2 of max(y) on
     clips of the training set and on three pairs of the benchmark, both of which were looked at.
     """
     gram = float(np.mean(op.gram))
-    product = BALANCE * noise**2 * (gram / (gram + noise**2) if gram > 0 else 1.0)
+    product = BALANCE * noise**2 / (1 + noise / np.sqrt(gram)) if gram > 0 else 0.0
     if sigma is not None:
         return Schedule(product, sigma, sigma)
-    first = max(SIGMA, product / (SOFTEST * gram)) if gram > 0 else SIGMA
+    first = max(SIGMA, product / (SOFTEST * gram)) if product > 0 else SIGMA
     return Schedule(product, first, float(np.sqrt(first * SIGMA)))

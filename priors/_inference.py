@@ -13,7 +13,7 @@ from pnp_sci.inference import half_precision, usable
 from . import _weights
 
 PIXELS = 2**24  # of one pass, margins included: about 3 GB of activations in bfloat16
-CACHED = 2**19  # of the views or single frames that go through together: 20 frames of 256 x 256 take a quarter less
+CACHED = 2**19  # of the views or single frames that a CPU takes together: 20 frames of 256 x 256 take a quarter less
 # time by eights than at once
 MARGIN = 4  # frames either side of a piece: the two of the first layer's window, and two for the blocks' exchange
 
@@ -46,7 +46,8 @@ class Runner:
             x = x.reshape(-1, 1, *shape[2:])
         views, frames, height, width = x.shape
         out = np.empty(x.shape, np.float32)
-        together = max(1, min(views, CACHED // (frames * height * width)))
+        most = CACHED if self.device.type == "cpu" else PIXELS
+        together = max(1, min(views, most // (frames * height * width)))
         with torch.inference_mode(), torch.autocast(self.device.type, torch.bfloat16, enabled=self.half):
             for first in range(0, views, together):
                 group = slice(first, first + together)

@@ -37,6 +37,10 @@ class Learned:
             ) from error
         return Runner(self.weights, self.name, self.device)
 
+    def load(self) -> None:
+        """Read the weights now; else the first call does it."""
+        _ = self._runner
+
     @property
     def sha256(self) -> str:
         """Hash of the values of the weights, 64 hexadecimal digits."""

@@ -15,23 +15,23 @@ BESIDE = 0.25  # strength of TV, against the grain that the network leaves; with
 STRONGER = 1.5  # sigma of the network, in that of the solver; with 1 clips of the validation lose too, with 2 the
 # benchmark loses 0.3 dB and the clips gain 0.1
 MOST = 0.1  # ... but not more than that
-LOUD = 0.12  # sigma beyond which TV has the frames for itself: the network takes detail for noise then
+NOISY = 0.12  # sigma beyond which TV has the frames for itself: the network takes detail for noise then
 
 
 class _Frames:
     """A little total variation, then the network, frame by frame."""
 
     def __init__(self, weights: str | Path | None, device: str | None):
-        self.alone, self.beside = TV(STRENGTH, time=0, inner=3), TV(BESIDE, time=0, inner=3)
+        self.without, self.beside = TV(STRENGTH, time=0, inner=3), TV(BESIDE, time=0, inner=3)
         self.net = FFDNet(weights, device)
 
     def reset(self) -> None:
-        self.alone.reset()
+        self.without.reset()
         self.beside.reset()
 
     def __call__(self, x: np.ndarray, sigma: float) -> np.ndarray:
-        if sigma > LOUD:
-            return self.alone(x, sigma)
+        if sigma > NOISY:
+            return self.without(x, sigma)
         return self.net(self.beside(x, sigma), min(STRONGER * sigma, MOST))
 
 
@@ -39,8 +39,8 @@ class FlowFFDNet(Flow):
     """The flow prior with a learned denoiser of frames in the place of most of its total variation.
 
     The network knows what a picture looks like and the averages along motion bring what neighbouring frames have seen;
-    together they are far better than either. As :class:`priors.flow.Flow`, it begins with 30 calls of TV, and stays
-    with TV while sigma is above 0.35.
+    together they are far better than either. As :class:`priors.flow.Flow`, it begins with 30 calls of TV and stays with
+    TV while sigma is above 0.35; the network has its turn below 0.12.
 
     Parameters
     ----------
@@ -48,8 +48,8 @@ class FlowFFDNet(Flow):
         Of the network; see :class:`priors.ffdnet.FFDNet`.
     device : str, optional
         Of the network.
-    **options
-        Of :class:`priors.flow.Flow`.
+    neighbours, tolerance, drift
+        See :class:`priors.flow.Flow`.
 
     Raises
     ------
@@ -63,9 +63,21 @@ class FlowFFDNet(Flow):
     (1, 3, 32, 32)
     """
 
-    def __init__(self, weights: str | Path | None = None, device: str | None = None, **options: Any):
+    def __init__(
+        self,
+        weights: str | Path | None = None,
+        device: str | None = None,
+        neighbours: int = 3,
+        tolerance: float = 2.2,
+        drift: float = 1.5,
+    ):
         self._learned = _Frames(weights, device)
-        super().__init__(frames=self._learned, **options)
+        super().__init__(neighbours, tolerance, drift, self._learned)
+
+    def __call__(self, x: Any, sigma: float, out: np.ndarray | None = None) -> np.ndarray:
+        """Denoise x (V, B, H, W), values about [0, 1]; see :class:`priors.tv.TV` for the arguments."""
+        self._learned.net.load()  # a wrong file or device is an error now, and not after 30 calls of TV
+        return super().__call__(x, sigma, out)
 
     @property
     def sha256(self) -> str:

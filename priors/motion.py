@@ -44,6 +44,7 @@ def measure(view: np.ndarray, neighbours: int, tolerance: float, drift: float) -
     """The motion of a view (B, H, W), values about [0, 1], from each frame to those up to `neighbours` away.
 
     `tolerance` is the difference, `drift` the distance in pixels between there and back, at which the weight is 1/e.
+    Frames are compared twice: as they are, and once more after they have been averaged by these first weights.
     """
     import cv2
 
@@ -69,12 +70,10 @@ def measure(view: np.ndarray, neighbours: int, tolerance: float, drift: float) -
     trust = np.empty(flow.shape[:3], np.uint8)
     kernels.consistency(flow, pairs, reverse, drift, trust)
     motion = Motion(pairs, first, flow, np.empty_like(trust))
-    pilot = view
-    for again in (True, False):  # frames already averaged are cleaner, and tell better which of them are alike
-        kernels.weigh(pilot, flow, trust, pairs, view.dtype.type(tolerance), motion.weights)
-        if again:
-            pilot = np.empty_like(view)
-            motion.average(view, pilot)
+    kernels.weigh(view, flow, trust, pairs, view.dtype.type(tolerance), motion.weights)
+    pilot = np.empty_like(view)  # frames already averaged are cleaner, and tell better which of them are alike
+    motion.average(view, pilot)
+    kernels.weigh(pilot, flow, trust, pairs, view.dtype.type(tolerance), motion.weights)
     return motion
 
 
