@@ -9,7 +9,7 @@ import numpy as np
 from .operator import SensingOperator
 
 SIGMA = 0.05  # without noise; accelerated GAP converges to the same limit for any, quickest around this one
-BALANCE = 0.5  # sigma * rho per variance of the noise, where that is small
+BALANCE = 0.6  # sigma * rho per variance of the noise, where that is small
 SOFTEST = 0.15  # largest rho at the beginning, in units of the mean gram: with more, the data act slowly
 FALL = 40  # iterations in which a sigma that noise has raised falls
 
@@ -39,12 +39,12 @@ class Schedule:
 def schedule_for(op: SensingOperator, noise: float, sigma: float | None = None) -> Schedule:
     """The schedule for a standard deviation `noise` of y, in units where x spans [0, 1], and maybe a given sigma.
 
-    What GAP and ADMM minimise depends on the product ``sigma * rho`` only: half the variance of the noise, and less
+    What GAP and ADMM minimise depends on the product ``sigma * rho`` only: 0.6 times the variance of the noise, less
     than that where the noise in a pixel of x, ``noise / sqrt(gram)``, is no longer small, since the best weight of
-    total variation then grows like the noise and not like its square. How quickly they get there depends on the two apart:
-    sigma begins with 0.05, or with what it takes to have rho at 0.15 of the mean gram; from there it falls within 40
-    iterations half way back to 0.05 on a scale of powers, where flow and networks can see the motion and the detail
-    that TV leaves.
+    total variation then grows like the noise and not like its square. How quickly they get there depends on the two
+    apart: sigma begins with 0.05, or with what it takes to have rho at 0.15 of the mean gram; from there it falls
+    within 40 iterations half way back to 0.05 on a scale of powers, where flow and networks can see the motion and the
+    detail that TV leaves.
     The constants are one choice for all scenes, made from coarse grids at noise levels from 0 to 0.2 of max(y) on
     clips of the training set and on three pairs of the benchmark, both of which were looked at.
     """

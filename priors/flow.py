@@ -15,7 +15,7 @@ from .tv import TV
 
 FIRST = 30  # calls of TV alone, until the estimate shows enough for its motion to be seen
 RENEW = 5  # calls between two estimates of the flow
-STRENGTH = 0.85  # of TV beside the averages, which take off noise themselves: less helps where there is much of it
+STRENGTH = 0.75  # of TV beside the averages, which take off noise themselves: less helps where there is much of it
 LOUD = 0.35  # sigma above which noise hides the motion: on validation clips better than TV at 0.26, worse at 0.45
 FAINT = 1e-4  # of the range of x: smaller differences than that are not worth an average
 
