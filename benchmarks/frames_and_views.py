@@ -6,17 +6,10 @@ PNP_SCI_DATA=... python benchmarks/frames_and_views.py
 import time
 
 import numpy as np
+from priors_compared import METHODS, PAIRS
 
 import pnp_sci
 from pnp_sci import datasets
-
-PAIRS = ("bear_blackswan", "car-b_car-w", "hike_hockey")
-METHODS = {
-    "tv": {"prior": "tv"},
-    "flow": {"prior": "flow"},
-    "auto": {"prior": "auto"},
-    "best": {"prior": "auto", "effort": "best"},
-}
 
 
 def report(title, cases):
