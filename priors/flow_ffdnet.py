@@ -54,7 +54,9 @@ class FlowFFDNet(Flow):
     Raises
     ------
     InputError
-        If a parameter is out of its range, x is not (V, B, H, W), or the weights do not fit.
+        If a parameter is out of its range or x is not (V, B, H, W).
+    DataUnavailableError
+        If there is no such file of weights.
 
     Examples
     --------
