@@ -5,8 +5,9 @@ short integer type: memory is what a step takes longest for. As p vanishes on th
 one row, column or frame back in the flat array is right across all edges; zeros in front of it serve the first ones.
 
 A step takes a band of rows of one view through the frames: the primal variable of frame k + 1 is made from the old p
-just before frame k of p is renewed, so each value is read once. The first row of every band is made beforehand: the
-band above needs it, and p may have changed by then.
+just before frame k of p is renewed, and in the last step frame k of the result just after it, so each value is read
+once. The first row of every band is made beforehand, as the band above needs it and p may have changed by then; its
+result is made at the end, as it needs the band above.
 """
 
 import numba
@@ -15,24 +16,23 @@ import numpy as np
 from pnp_sci._jit import kernel, loop
 
 BAND = 64  # rows; at 256 x 256 quickest of 8 ... 128, beyond that 32 and 64 are alike
-CHUNK = 4  # rows of the result; 8 takes as long
 
 
 @loop
-def _primal_of_frame(v, weight, left, right, above, below, u):
-    """u <- v + weight * div p."""
-    real = v.dtype.type
-    for j in range(v.size):
-        u[j] = v[j] + weight * (real(right[j]) - real(left[j]) + real(below[j]) - real(above[j]))
+def _add_of_frame(weight, left, right, above, below, u):
+    """u <- u + weight * div p."""
+    real = u.dtype.type
+    for j in range(u.size):
+        u[j] += weight * (real(right[j]) - real(left[j]) + real(below[j]) - real(above[j]))
 
 
 @loop
-def _primal_of_video(v, weight, left, right, above, below, time, before, after, u):
-    """u <- v + weight * div p, p with differences along time."""
-    real = v.dtype.type
-    for j in range(v.size):
+def _add_of_video(weight, left, right, above, below, time, before, after, u):
+    """u <- u + weight * div p, p with differences along time."""
+    real = u.dtype.type
+    for j in range(u.size):
         space = real(right[j]) - real(left[j]) + real(below[j]) - real(above[j])
-        u[j] = v[j] + weight * (space + time[j] * (real(after[j]) - real(before[j])))
+        u[j] += weight * (space + time[j] * (real(after[j]) - real(before[j])))
 
 
 @loop
@@ -78,21 +78,20 @@ def _along_columns(u, step, across):
 
 
 @loop
-def _primal(v, weight, time, p, n, k, start, stop, u):
-    """u <- rows start ... stop - 1 of frame k, view n of v + weight * div p."""
+def _add_divergence(weight, time, p, frames, n, k, start, stop, u):
+    """u <- u + weight * div p, u being rows start ... stop - 1 of frame k, view n."""
     p_rows, p_columns, p_time = p
-    _, frames, rows, columns = v.shape
+    _, rows, columns = time.shape
     plane = rows * columns
     at = (n * frames + k) * plane + start * columns
-    end = at + (stop - start) * columns
-    frame = v.reshape(-1)[at:end]
+    end = at + u.size
     left, right = p_columns[at:end], p_columns[at + 1 : end + 1]
     above, below = p_rows[at:end], p_rows[at + columns : end + columns]
     if p_time.size > 0:
         t, before, after = time[n, start:stop].reshape(-1), p_time[at:end], p_time[at + plane : end + plane]
-        _primal_of_video(frame, weight, left, right, above, below, t, before, after, u)
+        _add_of_video(weight, left, right, above, below, t, before, after, u)
     else:
-        _primal_of_frame(frame, weight, left, right, above, below, u)
+        _add_of_frame(weight, left, right, above, below, u)
 
 
 @loop
@@ -114,46 +113,48 @@ def _dual(here, after, frames, step, one, isotropic, time, p, n, k, start, stop,
 
 
 @kernel
-def denoise(v, steps, weight, step, one, isotropic, time, p, out):
-    """`steps` dual steps from the given p on v (V, B, H, W), then out <- v + weight * div p.
+def denoise(x, steps, weight, step, one, isotropic, time, p):
+    """`steps` dual steps from the given p on x (V, B, H, W), then x <- x + weight * div p.
 
     p holds the differences along rows, columns and time, the last empty where there are none; time (V, H, W) weighs
-    them. `one` is what stands for 1 in p, and weight and step are in its units: a divergence of `one` changes v by
-    ``one * weight``. out may be v. Values that are not finite stay in p.
+    them. `one` is what stands for 1 in p, and weight and step are in its units: a divergence of `one` changes x by
+    ``one * weight``. Values that are not finite stay in p.
     """
-    views, frames, rows, columns = v.shape
+    views, frames, rows, columns = x.shape
     bands = (rows + BAND - 1) // BAND
-    first = np.empty((views, bands, frames, columns), v.dtype)
-    result = out.reshape(-1)
-    for _ in range(steps):
+    first = np.empty((views, bands, frames, columns), x.dtype)
+    for i in range(steps):
         for job in numba.prange(views * bands):
             n, band = job // bands, job % bands
             top = band * BAND
             for k in range(frames):
-                _primal(v, weight, time, p, n, k, top, top + 1, first[n, band, k])
+                u = first[n, band, k]
+                u[:] = x[n, k, top]
+                _add_divergence(weight, time, p, frames, n, k, top, top + 1, u)
         for job in numba.prange(views * bands):
             n, band = job // bands, job % bands
             top, bottom = band * BAND, min(band * BAND + BAND, rows)
             size = (bottom - top) * columns
-            here, after = np.empty(size + columns, v.dtype), np.empty(size + columns, v.dtype)  # and one row below
-            across = np.empty(size, v.dtype)
+            here, after = np.empty(size + columns, x.dtype), np.empty(size + columns, x.dtype)  # and one row below
+            across = np.empty(size, x.dtype)
             for k in range(-1, frames):
                 if k + 1 < frames:
                     after[:columns] = first[n, band, k + 1]
-                    _primal(v, weight, time, p, n, k + 1, top + 1, bottom, after[columns:])
+                    u = after[columns:size]
+                    u[:] = x[n, k + 1, top + 1 : bottom].reshape(-1)
+                    _add_divergence(weight, time, p, frames, n, k + 1, top + 1, bottom, u)
                     last = first[n, band + 1, k + 1] if bottom < rows else after[size - columns : size]
                     after[size:] = last
                 if k >= 0:
                     _dual(here, after, frames, step, one, isotropic, time, p, n, k, top, bottom, across)
+                    if i == steps - 1:
+                        result = x[n, k, top + 1 : bottom].reshape(-1)
+                        _add_divergence(weight, time, p, frames, n, k, top + 1, bottom, result)
                 here, after = after, here
-    for job in numba.prange(views * frames):
-        n, k = job // frames, job % frames
-        u = np.empty(CHUNK * columns, v.dtype)  # out may be v itself, which would keep the loop from being vectorised
-        for top in range(0, rows, CHUNK):
-            bottom = min(top + CHUNK, rows)
-            at, size = (job * rows + top) * columns, (bottom - top) * columns
-            _primal(v, weight, time, p, n, k, top, bottom, u)
-            result[at : at + size] = u[:size]
+    for job in numba.prange(views * bands * frames):
+        n, band, k = job // (bands * frames), job // frames % bands, job % frames
+        top = band * BAND
+        _add_divergence(weight, time, p, frames, n, k, top, top + 1, x[n, k, top])
 
 
 @kernel
