@@ -9,6 +9,7 @@ import time
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from dataclasses import replace
+from functools import cache
 from importlib.metadata import version
 from importlib.util import find_spec
 from typing import Any
@@ -278,9 +279,14 @@ def _provenance(y: Any, masks: Any, problems: list[Problem], begin: float) -> di
         "unit": [problem.unit for problem in problems],
         "y": _digest(y),
         "masks": _digest(masks.masks if isinstance(masks, SensingOperator) else masks),
-        "versions": {p: version(p) for p in ("pnp-sci", "numpy", "numba")} | {"python": platform.python_version()},
+        "versions": dict(_versions()),
         "seconds": time.perf_counter() - begin,
     }
+
+
+@cache
+def _versions() -> dict[str, str]:
+    return {p: version(p) for p in ("pnp-sci", "numpy", "numba")} | {"python": platform.python_version()}
 
 
 def _digest(array: Any) -> str:

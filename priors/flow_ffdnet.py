@@ -22,7 +22,7 @@ class _Frames:
     """A little total variation, then the network, frame by frame."""
 
     def __init__(self, weights: str | Path | None, device: str | None):
-        self.without, self.beside = TV(STRENGTH, time=0, inner=3), TV(BESIDE, time=0, inner=3)
+        self.without, self.beside = TV(STRENGTH, time=0, inner=3), TV(BESIDE, time=0)
         self.net = FFDNet(weights, device)
 
     def reset(self) -> None:

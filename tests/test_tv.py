@@ -8,7 +8,7 @@ from scipy.ndimage import gaussian_filter
 from skimage.restoration import denoise_tv_chambolle
 
 from pnp_sci.errors import InputError
-from priors.tv import SETTLE, TIME_BEFORE, TV, time_weights
+from priors.tv import SETTLE, STEP, TIME_BEFORE, TV, time_weights
 
 
 def steps_and_noise(shape, dtype=np.float64):
@@ -72,7 +72,7 @@ def plain(v, weight, time, steps):
         parts = (s * np.diff(q, axis=a, prepend=0 * np.take(q, [0], a)) for q, (a, s) in zip(p, axes))
         u = v + weight * sum(parts)
         if step < steps:
-            p += differences(u, time) / ((8 + 4 * time**2) * weight)
+            p += STEP * differences(u, time) / ((8 + 4 * time**2) * weight)
             p /= np.maximum(1, np.sqrt((p**2).sum(0)))
     return u
 
@@ -134,6 +134,13 @@ def test_many_short_calls_are_one_long_call(time):
     assert np.abs(short(x, 0.1) - out).max() > 1e-3
 
 
+@pytest.mark.parametrize(("weight", "steps"), [(0.001, 1), (0.05, 1), (0.1, 2), (0.2, 4), (5.0, 4)])
+def test_steps_follow_the_weight(weight, steps):
+    x = steps_and_noise((1, 2, 20, 20))
+    assert np.array_equal(TV()(x, weight), TV(inner=steps)(x, weight))
+    assert not np.array_equal(TV()(x, weight), TV(inner=steps + 1)(x, weight))
+
+
 def test_out_may_be_the_input():
     x = steps_and_noise((2, 3, 40, 20), np.float32)
     expected = [TV()(x, 0.1), TV(inner=7)(x, 0.1)]
@@ -192,6 +199,7 @@ def test_weights_along_time_follow_the_motion():
         ({"strength": float("nan")}, "strength is nan.*> 0"),
         ({"inner": 0}, "inner is 0.*>= 1"),
         ({"inner": 1.5}, "inner is 1.5.*whole"),
+        ({"inner": "many"}, "inner is 'many'.*auto"),
         ({"time": -0.1}, "time is -0.1.*auto"),
         ({"time": "fast"}, "time is 'fast'.*auto"),
         ({"time": float("inf")}, "time is inf.*>= 0"),
