@@ -26,6 +26,7 @@ from .operator import SensingOperator
 from .problem import Problem, check_measurement, check_noise, check_operator, pose
 from .result import History, Record, Result, Status
 from .scene import SceneModel, full, judge
+from .schedule import schedule_for
 from .solvers import ALGORITHMS, State
 
 EFFORTS = {"fast": 50, "balanced": 100, "best": 200}  # iterations; TV has converged to 0.05 dB by 100 on training clips
@@ -72,7 +73,8 @@ def solve(
         "gap" is accelerated, with a regularised projection where there is noise.
     effort : "fast", "balanced" or "best"
         At most 50, 100 or 200 iterations, unless `iterations` says otherwise; and what the prior "auto" stands for:
-        "tv", or 50 or 110 iterations of "flow-ffdnet"; where PyTorch is missing, "flow" for the latter two.
+        "tv", or 50 or 110 iterations of "flow-ffdnet", fewer where there is noise; where PyTorch is missing, "flow" for
+        the latter two.
     scene : "auto", "full" or SceneModel
         What to model. "auto" drops views that are dark and models a scene in which nothing moves by one frame per view;
         `Result.scene` says what was modelled and why.
@@ -131,7 +133,8 @@ def solve(
         raise InputError(f'scene is {scene!r}: "auto", "full" or a SceneModel was expected')
     if isinstance(scene, SceneModel) and (len(scene.views) != op.shape[0] or not any(scene.views)):
         raise InputError(f"scene has views {scene.views}: {op.shape[0]} were expected, one of them True at least")
-    if isinstance(prior, str) and prior == "auto":
+    automatic = isinstance(prior, str) and prior == "auto"
+    if automatic:
         prior = AUTO[effort] if effort == "fast" or all(map(find_spec, LEARNED)) else "flow"
     check_numbers(iterations=iterations, tol=tol, time_budget=time_budget, sigma=sigma)
     denoiser = make_prior(prior, device=device, seed=seed, **prior_options)
@@ -163,7 +166,10 @@ def solve(
             def score(x: np.ndarray, n: int = n, model: SceneModel = model, unit: float = problem.unit):
                 return truth.psnr(model.expand(x, op.shape), n, unit) if truth else None
 
-            state, status, course = run(states, problem.y, Limits(most, tol, deadline), observe, score)
+            enough = most
+            if automatic and iterations is None:
+                enough = schedule_for(reduced, problem.noise, sigma).enough(most)
+            state, status, course = run(states, problem.y, Limits(enough, tol, deadline), observe, score)
             x = model.expand(state.x, op.shape)
             videos[n] = x if np.isfinite(x).all() else 0
             videos[n] *= op.dtype.type(problem.unit)

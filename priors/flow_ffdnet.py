@@ -14,23 +14,26 @@ from .tv import TV
 BESIDE = 0.25  # strength of TV, against the grain that the network leaves; with none or 0.5 a little is lost
 STRONGER = 1.5  # sigma of the network, in that of the solver; with 1 clips of the validation lose too, with 2 the
 # benchmark loses 0.3 dB and the clips gain 0.1
-MOST = 0.1  # ... but not more than that
-NOISY = 0.12  # sigma beyond which TV has the frames for itself: the network takes detail for noise then
+MOST = 0.25  # ... but not more than that, which is a little beyond what it has seen in training
+NOISY = 0.12  # sigma above which the network waits until it falls no further: it does best on frames that TV has mended
 
 
 class _Frames:
-    """A little total variation, then the network, frame by frame."""
+    """A little total variation, then the network, frame by frame; TV alone while a large sigma is still falling."""
 
     def __init__(self, weights: str | Path | None, device: str | None):
         self.without, self.beside = TV(STRENGTH, time=0, inner=3), TV(BESIDE, time=0)
         self.net = FFDNet(weights, device)
+        self.reset()
 
     def reset(self) -> None:
+        self.before = np.inf
         self.without.reset()
         self.beside.reset()
 
     def __call__(self, x: np.ndarray, sigma: float) -> np.ndarray:
-        if sigma > NOISY:
+        falling, self.before = sigma < self.before, sigma
+        if falling and sigma > NOISY:
             return self.without(x, sigma)
         return self.net(self.beside(x, sigma), min(STRONGER * sigma, MOST))
 
@@ -40,7 +43,7 @@ class FlowFFDNet(Flow):
 
     The network knows what a picture looks like and the averages along motion bring what neighbouring frames have seen;
     together they are far better than either. As :class:`priors.flow.Flow`, it begins with 30 calls of TV and stays with
-    TV while sigma is above 0.35; the network has its turn below 0.12.
+    TV while sigma is above 0.35; while a sigma above 0.12 is falling, TV still does the network's part.
 
     Parameters
     ----------

@@ -177,11 +177,12 @@ def test_auto_without_torch_is_flow(monkeypatch, effort):
     assert result.settings["prior"] == pnp_sci.solve(scene.y, scene.masks, "flow", iterations=2).settings["prior"]
 
 
-def test_strong_noise_is_left_to_tv(moving):
+def test_the_network_waits_while_a_large_sigma_falls(moving):
     pytest.importorskip("torch")
-    for sigma, same in ((1.2 * NOISY, True), (0.8 * NOISY, False)):
+    falling = np.linspace(0.34, 1.01 * NOISY, flow.FIRST + 4)
+    for sigmas, same in ((falling, True), ([*falling, falling[-1]], False), ([0.8 * NOISY, *falling * 0.5], False)):
         plain, learned = Flow(), FlowFFDNet()
-        for _ in range(flow.FIRST + 1):
+        for sigma in sigmas:
             a, b = plain(moving, sigma), learned(moving, sigma)
         assert np.array_equal(a, b) == same
 
