@@ -30,7 +30,7 @@ from .schedule import schedule_for
 from .solvers import ALGORITHMS, State
 
 EFFORTS = {"fast": 50, "balanced": 100, "best": 200}  # iterations; TV has converged to 0.05 dB by 100 on training clips
-AUTO = {"fast": "tv", "balanced": [("flow-ffdnet", 50)], "best": [("flow-ffdnet", 110)]}  # 30 calls are of TV
+AUTO = {"fast": ("tv", 50), "balanced": ("flow-ffdnet", 50), "best": ("flow-ffdnet", 110)}  # 30 calls are of TV
 LEARNED = ("torch", "safetensors")  # what the networks need
 _log = logging.getLogger("pnp_sci")
 
@@ -133,12 +133,16 @@ def solve(
         raise InputError(f'scene is {scene!r}: "auto", "full" or a SceneModel was expected')
     if isinstance(scene, SceneModel) and (len(scene.views) != op.shape[0] or not any(scene.views)):
         raise InputError(f"scene has views {scene.views}: {op.shape[0]} were expected, one of them True at least")
-    automatic = isinstance(prior, str) and prior == "auto"
-    if automatic:
-        prior = AUTO[effort] if effort == "fast" or all(map(find_spec, LEARNED)) else "flow"
+    most = EFFORTS[effort]
+    if isinstance(prior, str) and prior == "auto":
+        prior, most = AUTO[effort] if effort == "fast" or all(map(find_spec, LEARNED)) else ("flow", most)
     check_numbers(iterations=iterations, tol=tol, time_budget=time_budget, sigma=sigma)
     denoiser = make_prior(prior, device=device, seed=seed, **prior_options)
-    most = iterations if iterations is not None else denoiser.calls if isinstance(denoiser, Stages) else EFFORTS[effort]
+    if iterations is not None:
+        most = iterations
+    elif isinstance(denoiser, Stages):
+        most = denoiser.calls
+    tires = iterations is None and getattr(denoiser, "learned", False)
     truth = Reference(reference, (len(measurements), *op.shape)) if reference is not None else None
     _warn_of_lost_views(op)
 
@@ -166,9 +170,7 @@ def solve(
             def score(x: np.ndarray, n: int = n, model: SceneModel = model, unit: float = problem.unit):
                 return truth.psnr(model.expand(x, op.shape), n, unit) if truth else None
 
-            enough = most
-            if automatic and iterations is None:
-                enough = schedule_for(reduced, problem.noise, sigma).enough(most)
+            enough = schedule_for(reduced, problem.noise, sigma).enough(most) if tires else most
             state, status, course = run(states, problem.y, Limits(enough, tol, deadline), observe, score)
             x = model.expand(state.x, op.shape)
             videos[n] = x if np.isfinite(x).all() else 0

@@ -65,6 +65,7 @@ class Joint:
 
     def __init__(self, denoisers: Sequence[Denoiser]):
         self.denoisers = list(denoisers)
+        self.learned = any(getattr(denoiser, "learned", False) for denoiser in self.denoisers)
 
     def reset(self) -> None:
         """Make all of them forget earlier videos."""

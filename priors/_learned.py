@@ -19,6 +19,7 @@ class Learned:
     """Denoiser ``x - noise(x, sigma)`` by a network of this package; see :class:`FFDNet` and :class:`VideoDenoiser`."""
 
     name: ClassVar[str]
+    learned = True
 
     def __init__(self, weights: str | Path | None = None, device: str | None = None):
         self.weights = Path(weights or Path(__file__).parent / "weights" / f"{self.name}.safetensors")

@@ -7,35 +7,12 @@ from typing import Any
 
 import numpy as np
 
+from .assisted import Assisted
 from .ffdnet import FFDNet
 from .flow import STRENGTH, Flow
 from .tv import TV
 
 BESIDE = 0.25  # strength of TV, against the grain that the network leaves; with none or 0.5 a little is lost
-STRONGER = 1.5  # sigma of the network, in that of the solver; with 1 clips of the validation lose too, with 2 the
-# benchmark loses 0.3 dB and the clips gain 0.1
-MOST = 0.25  # ... but not more than that, which is a little beyond what it has seen in training
-NOISY = 0.12  # sigma above which the network waits until it falls no further: it does best on frames that TV has mended
-
-
-class _Frames:
-    """A little total variation, then the network, frame by frame; TV alone while a large sigma is still falling."""
-
-    def __init__(self, weights: str | Path | None, device: str | None):
-        self.without, self.beside = TV(STRENGTH, time=0, inner=3), TV(BESIDE, time=0)
-        self.net = FFDNet(weights, device)
-        self.reset()
-
-    def reset(self) -> None:
-        self.before = np.inf
-        self.without.reset()
-        self.beside.reset()
-
-    def __call__(self, x: np.ndarray, sigma: float) -> np.ndarray:
-        falling, self.before = sigma < self.before, sigma
-        if falling and sigma > NOISY:
-            return self.without(x, sigma)
-        return self.net(self.beside(x, sigma), min(STRONGER * sigma, MOST))
 
 
 class FlowFFDNet(Flow):
@@ -68,6 +45,8 @@ class FlowFFDNet(Flow):
     (1, 3, 32, 32)
     """
 
+    learned = True
+
     def __init__(
         self,
         weights: str | Path | None = None,
@@ -76,7 +55,7 @@ class FlowFFDNet(Flow):
         tolerance: float = 2.2,
         drift: float = 1.5,
     ):
-        self._learned = _Frames(weights, device)
+        self._learned = Assisted(FFDNet(weights, device), TV(STRENGTH, time=0, inner=3), TV(BESIDE, time=0))
         super().__init__(neighbours, tolerance, drift, self._learned)
 
     def __call__(self, x: Any, sigma: float, out: np.ndarray | None = None) -> np.ndarray:
@@ -87,4 +66,4 @@ class FlowFFDNet(Flow):
     @property
     def sha256(self) -> str:
         """Hash of the values of the weights, 64 hexadecimal digits."""
-        return self._learned.net.sha256
+        return self._learned.sha256

@@ -8,6 +8,7 @@ import pytest
 from hypothesis import settings
 
 import priors
+from priors import assisted
 from priors.ffdnet import FFDNet
 from priors.flow import Flow
 from priors.flow_ffdnet import FlowFFDNet
@@ -60,6 +61,8 @@ PRIORS = [
     pytest.param(Flow, id="flow"),
     _learned(FFDNet, "ffdnet", "ffdnet"),
     _learned(VideoDenoiser, "video", "video"),
+    _learned(assisted.ffdnet, "assisted ffdnet", "ffdnet"),
+    _learned(assisted.video, "assisted video", "video"),
     _learned(FlowFFDNet, "flow-ffdnet", "ffdnet"),
 ]
 

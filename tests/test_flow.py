@@ -9,8 +9,9 @@ import pnp_sci
 from pnp_sci import datasets
 from pnp_sci.errors import DataUnavailableError, InputError
 from priors import flow
+from priors.assisted import NOISY
 from priors.flow import Flow
-from priors.flow_ffdnet import NOISY, FlowFFDNet
+from priors.flow_ffdnet import FlowFFDNet
 from priors.motion import measure
 from priors.tv import TV
 
@@ -165,7 +166,7 @@ def test_auto_is_flow_and_network(effort, iterations):
     pytest.importorskip("torch")
     scene = datasets.embedded_scene(32)
     result = pnp_sci.solve(scene.y, scene.masks, "auto", effort=effort, tol=0)
-    assert result.settings["prior"] == [["flow-ffdnet", iterations]]
+    assert result.settings["prior"] == "flow-ffdnet"
     assert result.settings["iterations"] == iterations
 
 

@@ -269,5 +269,6 @@ def launch(run: Callable[[], object]) -> None:
     distributed.init_process_group(backend, timeout=timedelta(days=1))  # outlasts a run that somebody pauses
     try:
         run()
+        distributed.barrier()  # a process that ends while another still writes has been seen to abort
     finally:
         distributed.destroy_process_group()

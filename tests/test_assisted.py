@@ -1,0 +1,82 @@
+"""Networks that TV assists: whose turn it is, and how many turns noise leaves of use."""
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+import pnp_sci
+from pnp_sci import datasets
+from pnp_sci.schedule import ENOUGH, Schedule
+from priors.assisted import MOST, NOISY, STRONGER, Assisted
+from priors.tv import TV
+
+
+class Net:
+    """Says what it was called with instead of denoising."""
+
+    learned = True
+
+    def __init__(self):
+        self.loaded, self.sigmas = 0, []
+
+    def load(self):
+        self.loaded += 1
+
+    def __call__(self, x, sigma):
+        self.sigmas.append(sigma)
+        return x.copy()
+
+
+def assisted(first=3):
+    return Assisted(Net(), TV(), TV(0.4), first)
+
+
+def served(denoise, sigmas):
+    """Which of these calls the network served."""
+    turns = []
+    for sigma in sigmas:
+        before = len(denoise.net.sigmas)
+        denoise(np.zeros((1, 2, 8, 8), np.float32), sigma)
+        turns.append(len(denoise.net.sigmas) > before)
+    return turns
+
+
+def test_tv_has_the_first_calls_and_the_network_is_loaded_at_once():
+    denoise = assisted()
+    assert served(denoise, [0.05] * 5) == [False] * 3 + [True] * 2
+    assert denoise.net.loaded == 5
+    denoise.reset()
+    assert served(denoise, [0.05] * 4) == [False] * 3 + [True]
+
+
+def test_the_network_waits_while_a_large_sigma_falls():
+    assert served(assisted(0), [0.3, 0.2, 0.2, 0.2]) == [False, False, True, True]
+    assert served(assisted(0), [0.3, 0.9 * NOISY, 0.8 * NOISY]) == [False, True, True]
+
+
+def test_the_network_denoises_more_than_the_solver_asks_for_within_its_training():
+    denoise = assisted(0)
+    served(denoise, [0.02, 0.5])
+    assert denoise.net.sigmas == [STRONGER * 0.02, MOST]
+
+
+@given(noisy=st.floats(0.05, 1), noisier=st.floats(1, 3), most=st.integers(1, 300))
+def test_noise_leaves_fewer_iterations_of_use(noisy, noisier, most):
+    less, more = Schedule(0.1, 1, noisy).enough(most), Schedule(0.1, 1, noisy * noisier).enough(most)
+    assert min(most, ENOUGH) <= more <= less <= most
+
+
+def test_without_noise_all_iterations_are_of_use():
+    assert Schedule(0, 0.05, 0.05).enough(110) == 110
+    assert Schedule(0, 0, 0).enough(110) == 110
+
+
+@pytest.mark.parametrize(("learned", "given", "expected"), [(True, None, 50), (False, None, 100), (True, 70, 70)])
+def test_the_solver_stops_early_with_noise_only_what_is_learned_and_has_no_number(learned, given, expected):
+    scene = datasets.embedded_scene(64)
+    y = pnp_sci.simulate(scene.truth, scene.masks, noise=0.1)
+    prior = TV(time=0)
+    prior.learned = learned
+    result = pnp_sci.solve(y, scene.masks, prior, tol=0, scene="full", iterations=given)
+    assert len(result.history) - 1 == pytest.approx(expected, abs=2)
