@@ -1,4 +1,4 @@
-"""tv, flow and auto on the benchmark pairs, with the noise of the paper's protocol, and on the real wheel.
+"""tv, flow, video and auto on the benchmark pairs, with the noise of the paper's protocol, and on the real wheel.
 
 PNP_SCI_DATA=... python benchmarks/priors_compared.py
 """
@@ -14,6 +14,7 @@ PAIRS = ("bear_blackswan", "car-b_car-w", "hike_hockey")
 METHODS = {
     "tv": {"prior": "tv"},
     "flow": {"prior": "flow"},
+    "video": {"prior": "video"},
     "auto": {"prior": "auto"},
     "best": {"prior": "auto", "effort": "best"},
 }

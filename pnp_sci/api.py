@@ -72,9 +72,9 @@ def solve(
     algorithm : "gap", "plain-gap" or "admm"
         "gap" is accelerated, with a regularised projection where there is noise.
     effort : "fast", "balanced" or "best"
-        At most 50, 100 or 200 iterations, unless `iterations` says otherwise; and what the prior "auto" stands for:
-        "tv", or 50 or 110 iterations of "flow-ffdnet", fewer where there is noise; where PyTorch is missing, "flow" for
-        the latter two.
+        At most 50, 100 or 200 iterations, unless `iterations` says otherwise; learned priors get no more than 110 to
+        50 of them where there is noise, the fewer the more of it. And what the prior "auto" stands for: "tv", or 50 or
+        110 iterations of "flow-ffdnet"; where PyTorch is missing, "flow" for the latter two.
     scene : "auto", "full" or SceneModel
         What to model. "auto" drops views that are dark and models a scene in which nothing moves by one frame per view;
         `Result.scene` says what was modelled and why.
@@ -147,7 +147,7 @@ def solve(
     _warn_of_lost_views(op)
 
     videos = np.empty((len(measurements), *op.shape), op.dtype)
-    statuses, records, problems, scenes = [], [], [], []
+    statuses, records, problems, scenes, allowed = [], [], [], [], []
     with _bar(progress, most * len(measurements)) as advance:
 
         def observe(state: State, record: Record) -> bool:
@@ -170,8 +170,8 @@ def solve(
             def score(x: np.ndarray, n: int = n, model: SceneModel = model, unit: float = problem.unit):
                 return truth.psnr(model.expand(x, op.shape), n, unit) if truth else None
 
-            enough = schedule_for(reduced, problem.noise, sigma).enough(most) if tires else most
-            state, status, course = run(states, problem.y, Limits(enough, tol, deadline), observe, score)
+            allowed.append(schedule_for(reduced, problem.noise, sigma).enough(most) if tires else most)
+            state, status, course = run(states, problem.y, Limits(allowed[-1], tol, deadline), observe, score)
             x = model.expand(state.x, op.shape)
             videos[n] = x if np.isfinite(x).all() else 0
             videos[n] *= op.dtype.type(problem.unit)
@@ -188,7 +188,7 @@ def solve(
         "init": init if isinstance(init, str) else type(init).__name__,
         "algorithm": algorithm,
         "effort": effort,
-        "iterations": most,
+        "iterations": max(allowed),
         "noise": [p.noise * p.unit * largest for p in problems],
         "sigma": sigma,
         "tol": tol,

@@ -47,7 +47,9 @@ def _make(prior: Any, options: dict[str, Any], used: set[str]) -> Denoiser:
         for _, calls in prior:
             if not isinstance(calls, (int, np.integer)) or calls < 1:
                 raise InputError(f"prior has a stage of {calls!r} iterations: a whole number >= 1 was expected")
-        return Stages([(_make(stage, options, used), int(calls)) for stage, calls in prior])
+        later = {"first": 0, **options}  # whoever comes after another finds the scene estimated already
+        made = [_make(stage, options if n == 0 else later, used) for n, (stage, _) in enumerate(prior)]
+        return Stages([(denoiser, int(calls)) for denoiser, (_, calls) in zip(made, prior)])
     raise InputTypeError(
         f"prior is {prior!r}: a name, a callable (x, sigma), a torch module or a sequence of (prior, iterations) "
         "was expected"

@@ -13,7 +13,7 @@ from .video import VideoDenoiser
 
 STRONGER = 1.5  # sigma of the network, in that of the solver; with 1 clips of the validation lose too, with 2 the
 # benchmark loses 0.3 dB and the clips gain 0.1
-MOST = 0.25  # ... but not more than that, which is a little beyond what it has seen in training
+MOST = 0.25  # ... but not more than that, which is beyond most of what it has seen in training
 NOISY = 0.12  # sigma above which the network waits until it falls no further: it does best on frames that TV has mended
 FIRST = 30  # calls of TV before the network sees anything: estimates before that are too poor to hold detail
 BESIDE = 0.4  # strength of TV, against the grain that the network leaves
@@ -21,6 +21,8 @@ BESIDE = 0.4  # strength of TV, against the grain that the network leaves
 
 class Assisted:
     """A network with a little total variation before it; TV alone at first, and while a large sigma is still falling.
+
+    A sigma above 0.12 counts as falling in the first call, and then if it is smaller than in the call before.
 
     Parameters
     ----------
@@ -30,7 +32,7 @@ class Assisted:
     beside : TV
         What x passes through before the network sees it.
     first : int
-        Calls at the beginning that are left to `without`.
+        Calls at the beginning of a video that are left to `without`; another shape of x begins a new one.
 
     Examples
     --------
@@ -51,12 +53,16 @@ class Assisted:
     def reset(self) -> None:
         """Forget what TV keeps: the next call starts a new video."""
         self._calls, self._before = 0, np.inf
+        self._fits: tuple[int, ...] | None = None
         self.without.reset()
         self.beside.reset()
 
     def __call__(self, x: np.ndarray, sigma: float) -> np.ndarray:
         """Denoise x (V, B, H, W), values about [0, 1]; see :class:`priors.ffdnet.FFDNet`."""
         self.net.load()  # a wrong file or device is an error now, and not after calls of TV
+        if self._fits != np.shape(x):
+            self.reset()
+            self._fits = np.shape(x)
         falling, self._before = sigma < self._before, sigma
         self._calls += 1
         if self._calls <= self.first or (falling and sigma > NOISY):
@@ -69,11 +75,17 @@ class Assisted:
         return self.net.sha256
 
 
-def ffdnet(weights: str | Path | None = None, device: str | None = None) -> Assisted:
-    """The prior "ffdnet": :class:`priors.ffdnet.FFDNet`, assisted."""
-    return Assisted(FFDNet(weights, device), TV(), TV(BESIDE), FIRST)
+def ffdnet(weights: str | Path | None = None, device: str | None = None, first: int = FIRST) -> Assisted:
+    """A small network on each frame, after `first` calls of TV and with a little TV beside it.
+
+    See :class:`priors.ffdnet.FFDNet` for the network.
+    """
+    return Assisted(FFDNet(weights, device), TV(), TV(BESIDE), first)
 
 
-def video(weights: str | Path | None = None, device: str | None = None) -> Assisted:
-    """The prior "video": :class:`priors.video.VideoDenoiser`, assisted."""
-    return Assisted(VideoDenoiser(weights, device), TV(), TV(BESIDE), FIRST)
+def video(weights: str | Path | None = None, device: str | None = None, first: int = FIRST) -> Assisted:
+    """A network on frames and their neighbours, after `first` calls of TV and with a little TV beside it.
+
+    See :class:`priors.video.VideoDenoiser` for the network.
+    """
+    return Assisted(VideoDenoiser(weights, device), TV(), TV(BESIDE), first)

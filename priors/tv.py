@@ -2,14 +2,15 @@
 
 from __future__ import annotations
 
+from numbers import Real
 from typing import Any, Literal
 
 import numpy as np
 
 from pnp_sci.errors import InputError
 
-# A dual step, in units of what a gradient of length 1 asks for. With one step a call, TV in a solver is a primal-dual
-# method, which converges up to 4/3 (Li & Yan 2021); in TV alone any step below 2 does.
+# Length of a dual step, 1 being Chambolle's. Measured in the solver with one step a call: 1.3 is still stable, 1.5 is
+# not; primal-dual methods of fixed weights converge below 4/3, and TV alone below 2.
 STEP = 1.25
 STEPS_PER_WEIGHT = 20  # a dual step moves p by about a gradient over 8 times the weight: with more weight more are due
 MOST_STEPS = 4
@@ -29,7 +30,7 @@ class TV:
     """Total-variation denoiser: over rows and columns of each frame and, weighted, along time; never across views.
 
     Solves ``min_x ||x - v||^2 / (2 w) + TV(x)`` with ``w = strength * sigma`` by Chambolle's dual projection. The dual
-    variable is kept between calls, so that inside a solver two steps a call suffice; `reset` forgets it.
+    variable is kept between calls, so that inside a solver one step a call suffices; `reset` forgets it.
 
     Parameters
     ----------
@@ -37,7 +38,7 @@ class TV:
         Weight per unit of noise, > 0.
     inner : int or "auto"
         Dual steps per call, >= 1. A single call on a video (outside a solver) wants some hundred. "auto" takes one for
-        weights up to 0.05, and up to four with more.
+        weights ``w`` up to 0.07, and up to four with more.
     time : float or "auto"
         Weight of differences along time against those along rows and columns, >= 0. 0 denoises each frame on its own.
         "auto" begins with 0.1 and after 40 calls gives every pixel of each view its own weight, by how much more the
@@ -54,6 +55,8 @@ class TV:
     References
     ----------
     A. Chambolle, "An algorithm for total variation minimization and applications", JMIV 20 (2004).
+    Z. Li & M. Yan, "New convergence analysis of a primal-dual algorithm with large stepsizes", Adv. Comput. Math. 47
+    (2021): steps up to 4/3.
     X. Yuan, "Generalized alternating projection based total variation minimization for compressive sensing", ICIP 2016.
 
     Examples
@@ -72,9 +75,9 @@ class TV:
         time: float | Literal["auto"] = "auto",
         isotropic: bool = True,
     ):
-        if not strength > 0:
+        if not 0 < strength < np.inf:
             raise InputError(f"strength is {strength}: a number > 0 was expected")
-        if inner != "auto" and not (isinstance(inner, (int, float)) and int(inner) == inner >= 1):
+        if inner != "auto" and not (isinstance(inner, Real) and inner >= 1 and inner == int(inner)):
             raise InputError(f'inner is {inner!r}: "auto" or a whole number >= 1 was expected')
         if time != "auto" and not (isinstance(time, (int, float)) and 0 <= time < np.inf):
             raise InputError(f'time is {time!r}: "auto" or a number >= 0 was expected')

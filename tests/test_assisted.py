@@ -7,8 +7,9 @@ from hypothesis import strategies as st
 
 import pnp_sci
 from pnp_sci import datasets
-from pnp_sci.schedule import ENOUGH, Schedule
-from priors.assisted import MOST, NOISY, STRONGER, Assisted
+from pnp_sci.arguments import make_prior
+from pnp_sci.schedule import ENOUGH, MORE, Schedule
+from priors.assisted import FIRST, MOST, NOISY, STRONGER, Assisted
 from priors.tv import TV
 
 
@@ -48,6 +49,8 @@ def test_tv_has_the_first_calls_and_the_network_is_loaded_at_once():
     assert denoise.net.loaded == 5
     denoise.reset()
     assert served(denoise, [0.05] * 4) == [False] * 3 + [True]
+    denoise(np.zeros((1, 2, 9, 8), np.float32), 0.05)  # another video
+    assert len(denoise.net.sigmas) == 3
 
 
 def test_the_network_waits_while_a_large_sigma_falls():
@@ -64,12 +67,13 @@ def test_the_network_denoises_more_than_the_solver_asks_for_within_its_training(
 @given(noisy=st.floats(0.05, 1), noisier=st.floats(1, 3), most=st.integers(1, 300))
 def test_noise_leaves_fewer_iterations_of_use(noisy, noisier, most):
     less, more = Schedule(0.1, 1, noisy).enough(most), Schedule(0.1, 1, noisy * noisier).enough(most)
-    assert min(most, ENOUGH) <= more <= less <= most
+    assert min(most, ENOUGH) <= more <= less <= min(most, ENOUGH + MORE)
 
 
 def test_without_noise_all_iterations_are_of_use():
     assert Schedule(0, 0.05, 0.05).enough(110) == 110
     assert Schedule(0, 0, 0).enough(110) == 110
+    assert Schedule(0, 0.1, 0.1).enough(300) == 300  # a given sigma is no noise
 
 
 @pytest.mark.parametrize(("learned", "given", "expected"), [(True, None, 50), (False, None, 100), (True, 70, 70)])
@@ -80,3 +84,12 @@ def test_the_solver_stops_early_with_noise_only_what_is_learned_and_has_no_numbe
     prior.learned = learned
     result = pnp_sci.solve(y, scene.masks, prior, tol=0, scene="full", iterations=given)
     assert len(result.history) - 1 == pytest.approx(expected, abs=2)
+    again = pnp_sci.solve(y, scene.masks, prior, tol=0, scene="full", iterations=result.settings["iterations"])
+    np.testing.assert_allclose(again.x, result.x, atol=1e-5)
+
+
+def test_a_later_stage_begins_with_the_network():
+    pytest.importorskip("torch")
+    stages = make_prior([("ffdnet", 2), ("ffdnet", 3), ("tv", 1)])
+    assert [getattr(denoiser, "first", None) for denoiser, _ in stages.stages] == [FIRST, 0, None]
+    assert make_prior([("tv", 2), ("video", 3)], first=1).stages[1][0].first == 1

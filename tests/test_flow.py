@@ -165,7 +165,7 @@ def test_a_network_for_the_frames_is_better_than_tv():
 def test_auto_is_flow_and_network(effort, iterations):
     pytest.importorskip("torch")
     scene = datasets.embedded_scene(32)
-    result = pnp_sci.solve(scene.y, scene.masks, "auto", effort=effort, tol=0)
+    result = pnp_sci.solve(scene.y, scene.masks, "auto", effort=effort, noise=0, tol=0)
     assert result.settings["prior"] == "flow-ffdnet"
     assert result.settings["iterations"] == iterations
 
