@@ -16,7 +16,9 @@ STRONGER = 1.5  # sigma of the network, in that of the solver; with 1 clips of t
 MOST = 0.25  # ... but not more than that, which is beyond most of what it has seen in training
 NOISY = 0.12  # sigma above which the network waits until it falls no further: it does best on frames that TV has mended
 FIRST = 30  # calls of TV before the network sees anything: estimates before that are too poor to hold detail
-BESIDE = 0.4  # strength of TV, against the grain that the network leaves
+# Strength of TV, against the grain that the network leaves. Below flow, 0.25 loses up to 0.25 dB on clips of the
+# validation and gains 0.07 on the benchmark, 0.6 the other way round; it also keeps 500 iterations stable.
+BESIDE = 0.4
 
 
 class Assisted:

@@ -7,12 +7,10 @@ from typing import Any
 
 import numpy as np
 
-from .assisted import Assisted
+from .assisted import BESIDE, Assisted
 from .ffdnet import FFDNet
 from .flow import STRENGTH, Flow
 from .tv import TV
-
-BESIDE = 0.25  # strength of TV, against the grain that the network leaves; none or 0.5 lost a little (with 3 steps a call)
 
 
 class FlowFFDNet(Flow):

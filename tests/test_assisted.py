@@ -93,3 +93,15 @@ def test_a_later_stage_begins_with_the_network():
     stages = make_prior([("ffdnet", 2), ("ffdnet", 3), ("tv", 1)])
     assert [getattr(denoiser, "first", None) for denoiser, _ in stages.stages] == [FIRST, 0, None]
     assert make_prior([("tv", 2), ("video", 3)], first=1).stages[1][0].first == 1
+
+
+@pytest.mark.parametrize("name", ["ffdnet", "video"])
+def test_five_hundred_iterations_are_stable(name):
+    pytest.importorskip("torch")
+    scene = datasets.embedded_scene(64)
+    result = pnp_sci.solve(
+        scene.y, scene.masks, name, iterations=500, sigma=5 / 255, tol=0, scene="full", reference=scene.truth
+    )
+    psnr = result.history["psnr"]
+    assert psnr[-1] > psnr.max() - 0.5
+    assert psnr.argmax() > 30  # the network has gained something
