@@ -2,9 +2,12 @@
 
 from __future__ import annotations
 
+from numbers import Integral
 from pathlib import Path
 
 import numpy as np
+
+from pnp_sci.errors import InputError
 
 from ._learned import Learned
 from .ffdnet import FFDNet
@@ -14,7 +17,9 @@ from .video import VideoDenoiser
 STRONGER = 1.5  # sigma of the network, in that of the solver; with 1 clips of the validation lose too, with 2 the
 # benchmark loses 0.3 dB and the clips gain 0.1
 MOST = 0.25  # ... but not more than that, which is beyond most of what it has seen in training
-NOISY = 0.12  # sigma above which the network waits until it falls no further: it does best on frames that TV has mended
+# Sigma above which the network waits until it falls no further: it does best on frames that TV has mended. This, MOST
+# and STRONGER were chosen by looking at clips of the validation and at three pairs of the benchmark.
+NOISY = 0.12
 FIRST = 30  # calls of TV before the network sees anything: estimates before that are too poor to hold detail
 # Strength of TV, against the grain that the network leaves. Below flow, 0.25 loses up to 0.25 dB on clips of the
 # validation and gains 0.07 on the benchmark, 0.6 the other way round; it also keeps 500 iterations stable.
@@ -34,7 +39,12 @@ class Assisted:
     beside : TV
         What x passes through before the network sees it.
     first : int
-        Calls at the beginning of a video that are left to `without`; another shape of x begins a new one.
+        Calls at the beginning of a video that are left to `without`, >= 0; another shape of x begins a new one.
+
+    Raises
+    ------
+    InputError
+        If `first` is not a whole number >= 0.
 
     Examples
     --------
@@ -46,7 +56,9 @@ class Assisted:
     learned = True
 
     def __init__(self, net: Learned, without: TV, beside: TV, first: int = 0):
-        self.net, self.without, self.beside, self.first = net, without, beside, first
+        if not isinstance(first, Integral) or first < 0:
+            raise InputError(f"first is {first!r}: a whole number >= 0 was expected")
+        self.net, self.without, self.beside, self.first = net, without, beside, int(first)
         self.reset()
 
     def __repr__(self) -> str:

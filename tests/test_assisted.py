@@ -8,6 +8,7 @@ from hypothesis import strategies as st
 import pnp_sci
 from pnp_sci import datasets
 from pnp_sci.arguments import make_prior
+from pnp_sci.errors import InputError
 from pnp_sci.schedule import ENOUGH, MORE, Schedule
 from priors.assisted import FIRST, MOST, NOISY, STRONGER, Assisted
 from priors.tv import TV
@@ -105,3 +106,9 @@ def test_five_hundred_iterations_are_stable(name):
     psnr = result.history["psnr"]
     assert psnr[-1] > psnr.max() - 0.5
     assert psnr.argmax() > 30  # the network has gained something
+
+
+@pytest.mark.parametrize("first", [-1, 1.5, "many"])
+def test_an_unfit_first_is_named(first):
+    with pytest.raises(InputError, match=r"first is.*>= 0"):
+        assisted(first)
