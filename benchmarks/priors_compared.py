@@ -47,7 +47,7 @@ def wheel():
 
 def main():
     scene = datasets.embedded_scene(64)
-    pnp_sci.solve(scene.y, scene.masks, "flow-ffdnet", iterations=32)  # compile and load
+    pnp_sci.solve(scene.y, scene.masks, "video", iterations=32)  # compile and load
     for noise in (0.0, 0.01, 0.05, 0.1, 0.2):
         pairs(noise)
     wheel()

@@ -30,7 +30,7 @@ from .schedule import schedule_for
 from .solvers import ALGORITHMS, State
 
 EFFORTS = {"fast": 50, "balanced": 100, "best": 200}  # iterations; TV has converged to 0.05 dB by 100 on training clips
-AUTO = {"fast": ("tv", 50), "balanced": ("flow-ffdnet", 50), "best": ("flow-ffdnet", 110)}  # 30 calls are of TV
+AUTO = {"fast": ("tv", 50), "balanced": ("video", 50), "best": ("video", 110)}  # 30 calls are of TV
 LEARNED = ("torch", "safetensors")  # what the networks need
 _log = logging.getLogger("pnp_sci")
 
@@ -74,7 +74,7 @@ def solve(
     effort : "fast", "balanced" or "best"
         At most 50, 100 or 200 iterations, unless `iterations` says otherwise; learned priors get no more than 110 to
         50 of them where there is noise, the fewer the more of it. And what the prior "auto" stands for: "tv", or 50 or
-        110 iterations of "flow-ffdnet"; where PyTorch is missing, "flow" for the latter two.
+        110 iterations of "video"; where PyTorch is missing, "flow" for the latter two.
     scene : "auto", "full" or SceneModel
         What to model. "auto" drops views that are dark and models a scene in which nothing moves by one frame per view;
         `Result.scene` says what was modelled and why.

@@ -78,4 +78,9 @@ class Learned:
             raise InputError(f"sigma is {sigma}, but a finite number >= 0 was expected")
         if sigma == 0:
             return x.copy()
-        return x - self._runner.noise(np.ascontiguousarray(x, np.float32), float(sigma))
+        return x - self._noise(np.ascontiguousarray(x, np.float32), float(sigma))
+
+    def _noise(self, x: np.ndarray, sigma: float) -> np.ndarray:
+        """Estimate the noise in x (V, B, H, W), float32."""
+        frames = x.reshape(-1, *x.shape[2:])
+        return self._runner.noise(frames, np.full_like(frames, sigma)).reshape(x.shape)

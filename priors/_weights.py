@@ -30,6 +30,6 @@ def load(path: str | Path, name: str) -> tuple[Network, str]:
     """
     tensors, metadata = weights.read(path, {"prior": name}, f"python -m priors.train {name}")
     fields = json.loads(metadata["architecture"])
-    network = Network(Architecture(**fields | {key: tuple(fields[key]) for key in ("widths", "blocks")}))
+    network = Network(Architecture(**{key: tuple(value) for key, value in fields.items()}))
     weights.fill(network, tensors, path)
     return network.eval().to(memory_format=torch.channels_last), metadata["sha256"]  # type: ignore[call-overload]

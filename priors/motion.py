@@ -2,10 +2,9 @@
 
 from __future__ import annotations
 
-import threading
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
-from functools import cache
+from functools import cache, cached_property
 
 import numpy as np
 
@@ -39,6 +38,13 @@ class Motion:
         """out (B, H, W) <- each frame of view (B, H, W) averaged with its neighbours along their motion."""
         kernels.average(view, self.flow, self.weights, self.pairs, self.first, out)
 
+    @cached_property
+    def remaining(self) -> np.ndarray:
+        """What averaging leaves of the standard deviation of white noise, float32 (B, H, W), 1 where nothing helped."""
+        weights = self.weights.astype(np.float32) / 255
+        total, squares = (1 + np.add.reduceat(w, self.first[:-1]) for w in (weights, weights * weights))
+        return np.sqrt(squares) / total
+
 
 def measure(view: np.ndarray, neighbours: int, tolerance: float, drift: float) -> Motion:
     """The motion of a view (B, H, W), values about [0, 1], from each frame to those up to `neighbours` away.
@@ -62,7 +68,9 @@ def measure(view: np.ndarray, neighbours: int, tolerance: float, drift: float) -
 
     def estimate(p: int) -> None:
         b, n = near[p]
-        there = _estimator().calc(pictures[b], pictures[n], None)  # type: ignore[call-overload, arg-type]
+        # Dense inverse search made anew each time: on small pictures it changes its scales, and it keeps them.
+        search = cv2.DISOpticalFlow.create(cv2.DISOPTICAL_FLOW_PRESET_MEDIUM)
+        there = search.calc(pictures[b], pictures[n], None)  # type: ignore[call-overload, arg-type]
         np.clip(np.rint(kernels.FRACTION * there), -limit, limit, out=there)
         flow[p] = there
 
@@ -84,15 +92,3 @@ def _threads() -> ThreadPoolExecutor:
 
     cv2.setNumThreads(1)  # one picture is too small to share out; the pairs are not
     return ThreadPoolExecutor(numba.get_num_threads())
-
-
-_local = threading.local()
-
-
-def _estimator():
-    """Dense inverse search, one for each thread because it keeps buffers."""
-    import cv2
-
-    if not hasattr(_local, "estimator"):
-        _local.estimator = cv2.DISOpticalFlow.create(cv2.DISOPTICAL_FLOW_PRESET_MEDIUM)
-    return _local.estimator

@@ -11,7 +11,6 @@ import priors
 from priors import assisted
 from priors.ffdnet import FFDNet
 from priors.flow import Flow
-from priors.flow_ffdnet import FlowFFDNet
 from priors.tv import TV
 from priors.video import VideoDenoiser
 from priors.wavelet import Wavelet
@@ -63,7 +62,6 @@ PRIORS = [
     _learned(VideoDenoiser, "video", "video"),
     _learned(assisted.ffdnet, "assisted ffdnet", "ffdnet"),
     _learned(assisted.video, "assisted video", "video"),
-    _learned(FlowFFDNet, "flow-ffdnet", "ffdnet"),
 ]
 
 

@@ -8,9 +8,9 @@ from hypothesis import strategies as st
 import pnp_sci
 from pnp_sci import datasets
 from pnp_sci.arguments import make_prior
-from pnp_sci.errors import InputError
+from pnp_sci.errors import DataUnavailableError, InputError
 from pnp_sci.schedule import ENOUGH, MORE, Schedule
-from priors.assisted import FIRST, MOST, NOISY, STRONGER, Assisted
+from priors.assisted import FIRST, MOST, NOISY, Assisted
 from priors.tv import TV
 
 
@@ -31,7 +31,7 @@ class Net:
 
 
 def assisted(first=3):
-    return Assisted(Net(), TV(), TV(0.4), first)
+    return Assisted(Net(), TV(), TV(0.4), stronger=1.5, first=first)
 
 
 def served(denoise, sigmas):
@@ -62,7 +62,7 @@ def test_the_network_waits_while_a_large_sigma_falls():
 def test_the_network_denoises_more_than_the_solver_asks_for_within_its_training():
     denoise = assisted(0)
     served(denoise, [0.02, 0.5])
-    assert denoise.net.sigmas == [STRONGER * 0.02, MOST]
+    assert denoise.net.sigmas == [1.5 * 0.02, MOST]
 
 
 @given(noisy=st.floats(0.05, 1), noisier=st.floats(1, 3), most=st.integers(1, 300))
@@ -112,3 +112,35 @@ def test_five_hundred_iterations_are_stable(name):
 def test_an_unfit_first_is_named(first):
     with pytest.raises(InputError, match=r"first is.*>= 0"):
         assisted(first)
+
+
+def test_video_is_better_than_flow_in_both_views():
+    pytest.importorskip("torch")
+    scene = datasets.embedded_scene(96)
+    flow, video = (pnp_sci.solve(scene.y, scene.masks, p, iterations=45, scene="full").x for p in ("flow", "video"))
+    assert (pnp_sci.psnr(video, scene.truth) > pnp_sci.psnr(flow, scene.truth)).all()
+
+
+@pytest.mark.parametrize(("effort", "iterations"), [("balanced", 50), ("best", 110)])
+def test_auto_is_video(effort, iterations):
+    pytest.importorskip("torch")
+    scene = datasets.embedded_scene(32)
+    result = pnp_sci.solve(scene.y, scene.masks, "auto", effort=effort, noise=0, tol=0)
+    assert result.settings["prior"] == "video"
+    assert result.settings["iterations"] == iterations
+
+
+@pytest.mark.parametrize("effort", ["balanced", "best"])
+def test_auto_without_torch_is_flow(monkeypatch, effort):
+    monkeypatch.setattr("pnp_sci.api.find_spec", lambda name: None)
+    scene = datasets.embedded_scene(32)
+    result = pnp_sci.solve(scene.y, scene.masks, "auto", effort=effort, iterations=2)
+    assert result.settings["prior"] == pnp_sci.solve(scene.y, scene.masks, "flow", iterations=2).settings["prior"]
+
+
+@pytest.mark.parametrize("name", ["ffdnet", "video"])
+def test_missing_weights_are_an_error_at_once(name, tmp_path):
+    pytest.importorskip("torch")
+    scene = datasets.embedded_scene(32)
+    with pytest.raises(DataUnavailableError, match="weights"):
+        pnp_sci.solve(scene.y, scene.masks, name, weights=tmp_path / "none.safetensors", iterations=1)

@@ -7,15 +7,13 @@ import pytest
 
 import pnp_sci
 from pnp_sci import datasets
-from pnp_sci.errors import DataUnavailableError, InputError
-from priors import flow
-from priors.assisted import NOISY
+from pnp_sci.errors import InputError
+from priors import assisted, flow
 from priors.flow import Flow
-from priors.flow_ffdnet import FlowFFDNet
 from priors.motion import measure
 from priors.tv import TV
 
-KINDS = [Flow, *([FlowFFDNet] if find_spec("torch") else [])]
+KINDS = [Flow, *([assisted.video] if find_spec("torch") else [])]
 
 
 @pytest.fixture(scope="module")
@@ -104,7 +102,13 @@ def test_type_and_input_are_kept_once_motion_is_used(moving, kind):
         after = prior(x, 0.05)
     assert after.dtype == np.float64
     np.testing.assert_array_equal(x, before)
-    again = kind()
+
+
+def test_flow_writes_where_it_is_told_to(moving):
+    x = moving.astype(np.float64)
+    prior, again = Flow(), Flow()
+    for _ in range(flow.FIRST + 1):
+        after = prior(x, 0.05)
     for _ in range(flow.FIRST + 1):
         into = again(x, 0.05, np.empty_like(x))
     np.testing.assert_array_equal(into, after)
@@ -146,57 +150,3 @@ def test_frames_may_have_a_denoiser_of_their_own(moving):
     prior.reset()
     assert [a for a in asked if a != "reset"] == [0.05, 0.05]
     assert asked[-1] == "reset"
-
-
-def test_a_network_for_the_frames_is_better_than_tv():
-    """The same iterations up to the 30th; from there the network helps both views."""
-    pytest.importorskip("torch")
-    scene = datasets.embedded_scene(96)
-    plain, learned = (
-        pnp_sci.solve(scene.y, scene.masks, prior, iterations=45, reference=scene.truth, scene="full")
-        for prior in ("flow", "flow-ffdnet")
-    )
-    same = flow.FIRST + 1
-    np.testing.assert_array_equal(plain.history["psnr"][:same], learned.history["psnr"][:same])
-    assert (pnp_sci.psnr(learned.x, scene.truth) > pnp_sci.psnr(plain.x, scene.truth)).all()
-
-
-@pytest.mark.parametrize(("effort", "iterations"), [("balanced", 50), ("best", 110)])
-def test_auto_is_flow_and_network(effort, iterations):
-    pytest.importorskip("torch")
-    scene = datasets.embedded_scene(32)
-    result = pnp_sci.solve(scene.y, scene.masks, "auto", effort=effort, noise=0, tol=0)
-    assert result.settings["prior"] == "flow-ffdnet"
-    assert result.settings["iterations"] == iterations
-
-
-@pytest.mark.parametrize("effort", ["balanced", "best"])
-def test_auto_without_torch_is_flow(monkeypatch, effort):
-    monkeypatch.setattr("pnp_sci.api.find_spec", lambda name: None)
-    scene = datasets.embedded_scene(32)
-    result = pnp_sci.solve(scene.y, scene.masks, "auto", effort=effort, iterations=2)
-    assert result.settings["prior"] == pnp_sci.solve(scene.y, scene.masks, "flow", iterations=2).settings["prior"]
-
-
-def test_the_network_waits_while_a_large_sigma_falls(moving):
-    pytest.importorskip("torch")
-    falling = np.linspace(0.34, 1.01 * NOISY, flow.FIRST + 4)
-    for sigmas, same in ((falling, True), ([*falling, falling[-1]], False), ([0.8 * NOISY, *falling * 0.5], False)):
-        plain, learned = Flow(), FlowFFDNet()
-        for sigma in sigmas:
-            a, b = plain(moving, sigma), learned(moving, sigma)
-        assert np.array_equal(a, b) == same
-
-
-def test_options_of_flow_reach_it_with_the_network_too():
-    pytest.importorskip("torch")
-    scene = datasets.embedded_scene(32)
-    result = pnp_sci.solve(scene.y, scene.masks, "flow-ffdnet", neighbours=2, iterations=1)
-    assert result.settings["prior_options"] == {"neighbours": 2}
-
-
-def test_missing_weights_are_an_error_at_once(tmp_path):
-    pytest.importorskip("torch")
-    scene = datasets.embedded_scene(32)
-    with pytest.raises(DataUnavailableError, match="weights"):
-        pnp_sci.solve(scene.y, scene.masks, "flow-ffdnet", weights=tmp_path / "none.safetensors", iterations=1)

@@ -6,8 +6,11 @@ import sys
 import numpy as np
 import pytest
 
+from pnp_sci import datasets
 from pnp_sci.errors import DataUnavailableError, FormatError, InputError, InputTypeError
+from priors import video
 from priors.ffdnet import FFDNet
+from priors.motion import measure
 from priors.video import VideoDenoiser
 
 torch = pytest.importorskip("torch")
@@ -19,10 +22,10 @@ _weights = pytest.importorskip("priors._weights")
 PRIORS = [FFDNet, VideoDenoiser]
 
 
-def untrained(name):
+def untrained(architecture=_network.SMALL):
     """A network whose last layer is not zero, as it is before training, so that it does something."""
     torch.manual_seed(0)
-    network = _network.Network(_network.ARCHITECTURES[name])
+    network = _network.Network(architecture)
     torch.nn.init.normal_(network.tail.weight, std=0.1)
     return network
 
@@ -31,7 +34,7 @@ def untrained(name):
 def weights(tmp_path_factory):
     folder = tmp_path_factory.mktemp("weights")
     for cls in PRIORS:
-        _weights.save(folder / cls.name, cls.name, _network.ARCHITECTURES[cls.name], untrained(cls.name))
+        _weights.save(folder / cls.name, cls.name, _network.SMALL, untrained())
     return folder
 
 
@@ -44,8 +47,13 @@ def noise(shape, dtype=np.float32):
     return np.random.default_rng(0).random(shape).astype(dtype)
 
 
+def scene(size):
+    """A clip in which something moves: (1, 10, size, size)."""
+    return datasets.embedded_scene(size).truth[:1].astype(np.float32)
+
+
 @pytest.mark.parametrize("dtype", [np.float32, np.float64])
-@pytest.mark.parametrize("shape", [(1, 1, 1, 1), (2, 3, 5, 7), (1, 64, 8, 8), (3, 2, 33, 16)])
+@pytest.mark.parametrize("shape", [(1, 1, 1, 1), (2, 3, 5, 7), (1, 64, 8, 8), (3, 2, 33, 16), (1, 5, 40, 33)])
 def test_any_shape_and_dtype(prior, shape, dtype):
     x = noise(shape, dtype)
     before = x.copy()
@@ -57,7 +65,7 @@ def test_any_shape_and_dtype(prior, shape, dtype):
 
 @pytest.mark.parametrize("sigma", [1e-9, 1e-4, 0.1, 10.0])
 def test_moves_no_pixel_by_more_than_six_sigma(prior, sigma):
-    x = noise((1, 3, 24, 24), np.float64)
+    x = noise((1, 3, 34, 34), np.float64)
     assert np.abs(prior(x, sigma) - x).max() <= 6.0001 * sigma
 
 
@@ -69,13 +77,14 @@ def test_no_noise_is_the_identity(prior):
 
 
 def test_follows_the_scale(prior):
-    """D(4 x, 4 sigma) = 4 D(x, sigma), to the bit for a power of two."""
-    x = noise((1, 3, 16, 16))
-    assert np.array_equal(prior(4 * x, 0.4), 4 * prior(x, 0.1))
+    """D(x / 2, sigma / 2) = D(x, sigma) / 2: to the bit, but where motion is seen, which takes pictures of 8 bits."""
+    small, large = scene(16), scene(48)
+    assert np.array_equal(2 * prior(small / 2, 0.05), prior(small, 0.1))
+    assert np.abs(2 * prior(large / 2, 0.05) - prior(large, 0.1)).mean() < 0.005
 
 
 def test_views_do_not_mix(prior):
-    x = noise((2, 4, 16, 16))
+    x = np.concatenate([scene(40), noise((1, 10, 40, 40))])
     other = x.copy()
     other[1] = 0
     assert np.array_equal(prior(other, 0.1)[0], prior(x, 0.1)[0])
@@ -83,32 +92,64 @@ def test_views_do_not_mix(prior):
 
 
 def test_only_the_video_net_looks_at_neighbours(prior):
-    x = noise((1, 7, 16, 16))
+    x = scene(48)
     other = x.copy()
-    other[:, 6] = 0
+    other[:, 9] = 0
     changed = (prior(other, 0.1) != prior(x, 0.1)).any(axis=(0, 2, 3))
-    assert changed[5] == changed[0] == (prior.name == "video")
+    assert changed[8] == changed[6] == (prior.name == "video")
+    assert not changed[:3].any(), "three frames either side help, and three of theirs decide how far"
 
 
-def test_ends_of_the_clip_are_reflected():
-    """The window of the first frame is that of the middle frame of the clip continued by reflection."""
-    network = _network.Network(_network.Architecture((8,), (0,), window=2))
-    torch.nn.init.normal_(network.tail.weight)
-    x, sigma = torch.rand(1, 4, 8, 8), torch.tensor([0.1])
-    continued = x[:, [2, 1, 0, 1, 2, 3, 2, 1]]
-    torch.testing.assert_close(network(x, sigma), network(continued, sigma)[:, 2:6])
+def test_the_same_again_whatever_came_between(prior):
+    """Optical flow must not remember the size or the content of earlier pictures."""
+    x = scene(40)
+    first = prior(x, 0.1)
+    prior(noise((1, 10, 34, 34)), 0.1)
+    assert np.array_equal(prior(x, 0.1), first)
 
 
-def test_shift_has_the_right_gradient():
-    x = torch.randn(6, 8, 2, 2, dtype=torch.double, requires_grad=True)
-    for views in (1, 2, 6):
-        assert torch.autograd.gradcheck(lambda x, views=views: _network.Shift.apply(x, views, 3), x)
+def test_motion_serves_several_calls_until_it_is_forgotten(weights, monkeypatch):
+    seen = []
+    monkeypatch.setattr(video, "see", lambda cleaned, sigma, see=video.see: seen.append(1) or see(cleaned, sigma))
+    denoise, x = VideoDenoiser(weights / "video", renew=3), scene(32)
+    denoise.image = FFDNet(weights / "ffdnet")
+    for _ in range(4):
+        denoise(x, 0.1)
+    assert len(seen) == 2
+    denoise.reset()
+    denoise(x, 0.1)
+    denoise(x[..., 1:], 0.1)
+    denoise(x[:, 1:], 0.1)
+    assert len(seen) == 4, "the second of these frames is too small to show motion"
+
+
+def test_what_averages_leave_of_noise():
+    """Of white noise, as `Motion.remaining` says."""
+    x = scene(64)[0]
+    motion = measure(x, 3, 0.2, 1.5)
+    white = np.random.default_rng(0).standard_normal((20, *x.shape), np.float32)
+    left = np.empty_like(white)
+    for noise, out in zip(white, left):
+        motion.average(noise, out)
+    assert motion.remaining.shape == x.shape
+    assert 1 / np.sqrt(7) <= motion.remaining.min() < 0.5
+    assert np.sqrt((left**2).mean()) == pytest.approx(np.sqrt((motion.remaining**2).mean()), rel=0.2)
+
+
+def test_network_believes_the_level_of_each_pixel():
+    """The bound follows the map, and a map that is the same everywhere is a number."""
+    network = untrained().eval()
+    x, level = torch.rand(2, 16, 24), torch.full((2, 16, 24), 0.001)
+    level[:, :, 12:] = 0.1
+    with torch.no_grad():
+        noise = network(x, level).abs()
+    assert (noise <= 6.0001 * level).all()
+    assert noise[:, :, 12:].max() > 0.006
 
 
 def test_long_clips_go_in_pieces(prior, monkeypatch):
     x = noise((2, 30, 16, 16))
     whole = prior(x, 0.1)
-    monkeypatch.setattr(_inference, "PIXELS", 16 * 16 * 16)
     monkeypatch.setattr(_inference, "CACHED", 3 * 16 * 16)
     np.testing.assert_allclose(prior(x, 0.1), whole, atol=0.02)
 
@@ -166,7 +207,7 @@ def test_weights_that_do_not_fit(weights, tmp_path):
     (tmp_path / "damaged").write_bytes(damaged)
     with pytest.raises(FormatError, match="damaged"):
         _weights.load(tmp_path / "damaged", "video")
-    _weights.save(tmp_path / "misfit", "video", _network.ARCHITECTURES["video"], untrained("ffdnet"))
+    _weights.save(tmp_path / "misfit", "video", _network.Architecture((8, 8), (1, 1)), untrained())
     with pytest.raises(FormatError, match="do not fit"):
         _weights.load(tmp_path / "misfit", "video")
 

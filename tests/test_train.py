@@ -45,7 +45,7 @@ def small(monkeypatch):
 def train(folder, out, name="video", steps=6, frames=8, seed=0, resume=False):
     """One run of the loop as the command line makes it."""
     material = clips.split(clips.load_clips([folder]))
-    sample = task.Sample(frames, 1, 16)
+    sample = task.Sample(frames, 1, 32)
     denoising = task.Denoising(name, *material, sample, seed, out / "weights.safetensors", "by a test")
     return loop.train(denoising, loop.Budget(out, steps=steps, seed=seed), loop.Place.here(), resume)
 
@@ -112,7 +112,7 @@ def test_learns(folder, tmp_path):
 def test_two_processes_agree(folder, tmp_path):
     """What torchrun does: each process has its rank; the result is that of one set of weights."""
     command = [sys.executable, "-m", "priors.train", "video", "--data", str(folder), "--out", str(tmp_path)]
-    command += ["--steps", "2", "--crop", "16", "--batch", "1"]
+    command += ["--steps", "2", "--crop", "32", "--batch", "1"]
     shared = {"WORLD_SIZE": "2", "MASTER_ADDR": "127.0.0.1", "MASTER_PORT": "29617", "OMP_NUM_THREADS": "1"}
     ranks = [subprocess.Popen(command, env=os.environ | shared | {"RANK": rank}) for rank in "01"]
     assert [process.wait(120) for process in ranks] == [0, 0]
@@ -154,7 +154,7 @@ def test_noise_has_unit_variance():
     samples = [data.unit_noise(random, (4, 32, 32)) for _ in range(100)]
     assert np.mean([np.square(sample).mean() for sample in samples]) == pytest.approx(1, abs=0.01)
     shared = [np.corrcoef(sample[0].ravel(), sample[1].ravel())[0, 1] for sample in samples]
-    assert 0.05 < np.mean(np.array(shared) > 0.1) < 0.25, "some, not most, is shared between frames"
+    assert 0.4 < np.mean(np.array(shared) > 0.1) < 0.7, "most clips share some of it between their frames"
 
 
 def test_a_pause_does_not_count(monkeypatch):

@@ -9,6 +9,7 @@ import torch
 from pnp_sci.training.loop import Place, Progress
 
 from .._network import LIMIT
+from .data import CLIP, FRAME
 from .validation import FRAMES, LEVELS, SIZE
 
 if TYPE_CHECKING:
@@ -17,8 +18,8 @@ if TYPE_CHECKING:
 CARD = """# {name}: denoiser of grey {kind}
 
 A U-net of {parameters:.2f} million parameters, `{architecture}`.
-It takes frames in [0, 1] and the standard deviation of their noise, is scale-equivariant, and never moves a pixel by
-more than {limit:g} standard deviations. Weights in half precision; SHA-256 of their values: `{digest}`.
+It takes frames in [0, 1] and the standard deviation of the noise in each pixel, is scale-equivariant, and never moves a
+pixel by more than {limit:g} standard deviations. Weights in half precision; SHA-256 of their values: `{digest}`.
 
 ## Training
 
@@ -32,8 +33,9 @@ more than {limit:g} standard deviations. Weights in half precision; SHA-256 of t
 | software | torch {torch} |
 
 Loss: absolute error over the square root of sigma. AdamW, cosine schedule, exponential moving average of the weights.
-Noise: standard deviation mostly log-uniform in 5-50 of 255, else uniform in 0-75; white, and for one sample in five
-partly masked and shared by the frames, as the residual of a snapshot is.
+Noise: standard deviation mostly log-uniform in 5-50 of 255, else uniform in 0-75; white, and for {share:.0%} of the
+samples partly masked and shared by the frames, as the residual of a snapshot is.
+{start}
 
 ## Validation
 
@@ -58,6 +60,8 @@ def write_card(task: Denoising, progress: Progress, place: Place, digest: str) -
         parameters=sum(p.numel() for p in task.network.parameters()) / 1e6,
         architecture=task.network.architecture,
         limit=LIMIT,
+        share=FRAME if sample.frames == 1 else CLIP,
+        start=task.prepare.__doc__,
         digest=digest,
         command=task.command,
         data=f"{len(moving)} clips ({sum(moving)} frames) and {len(task.training) - len(moving)} photographs",

@@ -9,6 +9,8 @@ import numpy as np
 from pnp_sci.errors import FormatError
 from pnp_sci.training.clips import Clip, fold
 
+FRAME, CLIP = 0.2, 0.7  # parts of the single frames, and of the clips, that have some of a snapshot's noise
+
 
 class Sampler:
     """Noisy crops and their clean originals; the same (seed, rank, step) always gives the same batch.
@@ -53,13 +55,14 @@ def noise_level(random: np.random.Generator) -> float:
 
 
 def unit_noise(random: np.random.Generator, shape: tuple[int, ...]) -> np.ndarray:
-    """Draw noise of unit variance, float32 (B, H, W): white, and for one crop in five partly a snapshot's.
+    """Draw noise of unit variance, float32 (B, H, W): white, and for some crops partly a snapshot's.
 
     A projection onto a measurement spreads one residual over all frames through their masks, so that the noise a
     solver hands to its prior is the same in the frames whose masks are open, and nothing where they are closed.
+    For clips 0.7 in the place of 0.2 loses 0.1 dB on white noise and gains 0.1 to 0.3 dB in the solver.
     """
     white = random.standard_normal(shape, np.float32)
-    if random.random() > 0.2:
+    if random.random() > (FRAME if shape[0] == 1 else CLIP):
         return white
     masks = random.random(shape, np.float32) < 0.5
     snapshot = np.float32(np.sqrt(2)) * masks * random.standard_normal(shape[1:], np.float32)

@@ -2,20 +2,23 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
+import numpy as np
 import torch
 
 from pnp_sci.training.clips import Clip
 from pnp_sci.training.loop import Place, Progress
 
 from .. import _weights
-from .._network import ARCHITECTURES, Network
+from .._network import Network
+from ..ffdnet import FFDNet
+from ..video import averaged, see
 from .card import write_card
 from .data import Sampler
-from .validation import LEVELS, psnr
+from .validation import LEVELS, denoised, psnr
 
 
 @dataclass(frozen=True)
@@ -24,7 +27,40 @@ class Sample:
 
     frames: int
     batch: int
-    crop: int = 64
+    crop: int
+
+
+class Plain:
+    """The net sees noisy frames as they are. Training began with random weights."""
+
+    def start(self) -> Network:
+        """A network to begin with."""
+        return Network()
+
+    def __call__(self, noisy: np.ndarray, sigma: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """The frames of `noisy` and their noise level, which is `sigma` (V,) everywhere in a clip."""
+        return noisy, np.broadcast_to(sigma[:, None, None, None], noisy.shape).copy()
+
+
+class Averaged:
+    """The net sees averages along the motion that shows where the image net has cleaned. Training began with that net."""
+
+    def __init__(self) -> None:
+        self.image = FFDNet()
+
+    def start(self) -> Network:
+        """The image net, to begin with."""
+        return _weights.load(self.image.weights, self.image.name)[0].train()
+
+    def __call__(self, noisy: np.ndarray, sigma: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """The averages of `noisy` and the noise level that is left in each pixel."""
+        clips = [(clip[None], float(level)) for clip, level in zip(noisy, sigma)]
+        parts = [averaged(clip, level, see(self.image(clip, level), level)) for clip, level in clips]
+        mean, level = (np.concatenate(part) for part in zip(*parts))
+        return mean, level
+
+
+SEEN: dict[str, Callable[[], Plain | Averaged]] = {"ffdnet": Plain, "video": Averaged}
 
 
 class Denoising:
@@ -39,23 +75,24 @@ class Denoising:
         torch.manual_seed(seed)
         self.name, self.sample, self.weights, self.command = name, sample, weights, command
         self.training, self.validation = training, validation
-        self.network = Network(ARCHITECTURES[name])
+        self.prepare = SEEN[name]()
+        self.network = self.prepare.start()
         self.compiled = [self.network]
         self.sampler = Sampler(training, frames=sample.frames, crop=sample.crop, batch=sample.batch, seed=seed)
 
     def loss(self, model: torch.nn.Module, place: Place, step: int) -> torch.Tensor:
         """Absolute error over the square root of sigma, so that no level drowns the others."""
-        clean, noisy, sigma = (torch.from_numpy(a).to(place.device) for a in self.sampler(place.rank, step))
-        with torch.autocast(place.device.type, torch.bfloat16):
-            out = noisy - model(noisy, sigma)
-        return ((out - clean).abs().mean((1, 2, 3)) / (sigma + 1 / 255).sqrt()).mean()
+        clean, noisy, sigma = self.sampler(place.rank, step)
+        out = denoised(model, *self.prepare(noisy, sigma), place.device)
+        error = (out - torch.from_numpy(clean).to(place.device)).abs().mean((1, 2, 3))
+        return (error / torch.from_numpy(sigma + 1 / 255).to(place.device).sqrt()).mean()
 
     def validate(self, network: torch.nn.Module, place: Place) -> torch.Tensor:
         """Sums of the PSNR in dB at each of the validation's levels, and the number of clips."""
         clips = self.validation[place.rank :: place.world]
-        return torch.cat([psnr(network, clips, place.device), torch.tensor([float(len(clips))])])
+        return torch.cat([psnr(network, self.prepare, clips, place.device), torch.tensor([float(len(clips))])])
 
     def publish(self, network: torch.nn.Module, progress: Progress, place: Place) -> None:
         """Write weights and model card."""
-        digest = _weights.save(self.weights, self.name, ARCHITECTURES[self.name], network)
+        digest = _weights.save(self.weights, self.name, self.network.architecture, network)
         write_card(self, progress, place, digest)

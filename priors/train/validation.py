@@ -2,29 +2,40 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 
 import numpy as np
 import torch
 
 from pnp_sci.training.clips import Clip
 
+Prepare = Callable[[np.ndarray, np.ndarray], tuple[np.ndarray, np.ndarray]]
+
 LEVELS = (5, 15, 25, 40)  # of 255
 FRAMES, SIZE = 10, 256  # first frames and central square of every clip
 
 
-def psnr(network: torch.nn.Module, clips: Sequence[Clip], device: torch.device) -> torch.Tensor:
-    """Sum over `clips` of each level's PSNR in dB (mean of the frames' PSNR, peak 1), on the noise of a fixed seed."""
+def denoised(network: torch.nn.Module, frames: np.ndarray, level: np.ndarray, device: torch.device) -> torch.Tensor:
+    """`frames` (V, B, H, W) without the noise that the network finds; its `level` (V, B, H, W) is known."""
+    x, sigma = (torch.from_numpy(a).to(device).flatten(0, 1) for a in (frames, level))
+    with torch.autocast(device.type, torch.bfloat16):
+        return (x - network(x, sigma)).unflatten(0, frames.shape[:2])
+
+
+def psnr(network: torch.nn.Module, prepare: Prepare, clips: Sequence[Clip], device: torch.device) -> torch.Tensor:
+    """Sum over `clips` of each level's PSNR in dB (mean of the frames' PSNR, peak 1), on the noise of a fixed seed.
+
+    `prepare` makes what the network sees, and the level of its noise, of noisy clips and theirs.
+    """
     total = torch.zeros(len(LEVELS), dtype=torch.float64)
-    with torch.inference_mode(), torch.autocast(device.type, torch.bfloat16):
-        for clip in clips:
-            top, left = (max(size - SIZE, 0) // 2 for size in clip.frames.shape[1:])
-            frames = clip.frames[:FRAMES, top : top + SIZE, left : left + SIZE]
-            clean = torch.from_numpy(frames.astype(np.float32) / 255)[None].to(device)
-            white = np.random.default_rng(0).standard_normal(clean.shape, np.float32)
-            for i, level in enumerate(LEVELS):
-                noisy = clean + torch.from_numpy(white).to(device) * (level / 255)
-                out = (noisy - network(noisy, torch.tensor([level / 255], device=device))).clamp(0, 1)
-                error = (out.double() - clean.double()).square().mean((0, 2, 3)).clamp(min=1e-12)
-                total[i] -= 10 * error.log10().mean().cpu()
+    for clip in clips:
+        top, left = (max(size - SIZE, 0) // 2 for size in clip.frames.shape[1:])
+        clean = clip.frames[None, :FRAMES, top : top + SIZE, left : left + SIZE].astype(np.float32) / 255
+        white = np.random.default_rng(0).standard_normal(clean.shape, np.float32)
+        for i, level in enumerate(LEVELS):
+            seen = prepare(clean + white * np.float32(level / 255), np.array([level / 255], np.float32))
+            with torch.inference_mode():
+                out = denoised(network, *seen, device).clamp(0, 1).cpu().double()
+            error = (out - torch.from_numpy(clean)).square().mean((0, 2, 3)).clamp(min=1e-12)
+            total[i] -= 10 * error.log10().mean()
     return total
