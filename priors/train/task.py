@@ -43,7 +43,7 @@ class Plain:
 
 
 class Averaged:
-    """The net sees averages along the motion that shows where the image net has cleaned. Training began with that net."""
+    """The net sees averages along the motion that the image net's frames show. Training began with that net."""
 
     def __init__(self) -> None:
         self.image = FFDNet()
