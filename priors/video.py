@@ -2,9 +2,12 @@
 
 from __future__ import annotations
 
+from numbers import Integral
 from pathlib import Path
 
 import numpy as np
+
+from pnp_sci.errors import InputError
 
 from ._learned import Learned
 from .ffdnet import FFDNet
@@ -13,6 +16,7 @@ from .motion import SMALLEST, Motion, measure
 NEIGHBOURS = 3  # frames either side that help a frame
 TOLERANCE = 0.75  # difference between a frame and its warped neighbour at which that counts 1/e, in units of sigma
 DRIFT = 1.5  # pixels between going there and back along the flow at which a neighbour counts 1/e
+FAINT = 1e-4  # sigma below which an average is not worth it
 LIMIT = 6.0  # no pixel moves by more standard deviations than this
 
 
@@ -36,6 +40,11 @@ class VideoDenoiser(Learned):
         The motion is measured in every so many-th call and serves until then: for the estimates of a solver, which
         change little from call to call. :meth:`reset`, or another shape of x, forgets it.
 
+    Raises
+    ------
+    InputError
+        If `renew` is not a whole number >= 1.
+
     References
     ----------
     K. Zhang, W. Zuo & L. Zhang, "FFDNet: toward a fast and flexible solution for CNN based image denoising", TIP 2018.
@@ -51,8 +60,10 @@ class VideoDenoiser(Learned):
     name = "video"
 
     def __init__(self, weights: str | Path | None = None, device: str | None = None, renew: int = 1):
+        if not isinstance(renew, Integral) or renew < 1:
+            raise InputError(f"renew is {renew!r}: a whole number >= 1 was expected")
         super().__init__(weights, device)
-        self.image, self.renew = FFDNet(device=device), renew
+        self.image, self.renew = FFDNet(device=device), int(renew)
         self.reset()
 
     def reset(self) -> None:
@@ -70,7 +81,7 @@ class VideoDenoiser(Learned):
         if self._fits != x.shape:
             self.reset()
             self._fits = x.shape
-        if min(x.shape[2:]) < SMALLEST or x.shape[1] < 2:
+        if min(x.shape[2:]) < SMALLEST or x.shape[1] < 2 or sigma < FAINT:
             return self.image._noise(x, sigma)
         if self._calls % self.renew == 0:
             self._motion = see(self.image(x, sigma), sigma)

@@ -63,7 +63,7 @@ def test_any_shape_and_dtype(prior, shape, dtype):
     assert not np.array_equal(out, x)
 
 
-@pytest.mark.parametrize("sigma", [1e-9, 1e-4, 0.1, 10.0])
+@pytest.mark.parametrize("sigma", [1e-30, 1e-9, 2e-4, 0.1, 10.0])
 def test_moves_no_pixel_by_more_than_six_sigma(prior, sigma):
     x = noise((1, 3, 34, 34), np.float64)
     assert np.abs(prior(x, sigma) - x).max() <= 6.0001 * sigma
@@ -177,6 +177,12 @@ def test_both_precisions_agree(prior):
 def test_input_that_cannot_be_used(prior, x, sigma, error, match):
     with pytest.raises(error, match=match):
         prior(x, sigma)
+
+
+@pytest.mark.parametrize("renew", [0, 1.5, "often"])
+def test_an_unfit_renew_is_named(renew):
+    with pytest.raises(InputError, match=r"renew is.*>= 1"):
+        VideoDenoiser(renew=renew)
 
 
 def test_unknown_device(weights):
