@@ -25,8 +25,8 @@ MOST = 0.25  # ... but not more than that, which is beyond most of what it has s
 NOISY = 0.12
 RENEW = 8  # calls of the video net between two estimates of the motion: on validation clips 5 are no better, 10 worse
 FIRST = 30  # calls of TV before the network sees anything: estimates before that are too poor to hold detail
-# Strength of TV, against the grain that the network leaves; it also keeps 500 iterations stable. For the video net, 0.25
-# is as good on clips of the validation, none loses over a decibel.
+# Strength of TV, against the grain that the network leaves; it also keeps 500 iterations stable. For the video net,
+# 0.25 is as good on clips of the validation, none loses over a decibel.
 BESIDE = 0.4
 
 
