@@ -10,7 +10,7 @@ import torch
 
 from pnp_sci.api import choose_scene
 from pnp_sci.errors import InputError
-from pnp_sci.inference import half_precision, usable
+from pnp_sci.inference import as_many_threads, half_precision, usable
 from pnp_sci.noise import estimate_noise
 from pnp_sci.operator import SensingOperator
 from pnp_sci.problem import Problem
@@ -85,7 +85,8 @@ def _decoded(op: SensingOperator, y: np.ndarray, device: str | None, refine: boo
         _log.warning("OFaNet has no refine net for %d x %d frames yet: its separator decodes alone", views, frames)
     masks = torch.from_numpy(op.masks.astype(np.float32) / np.float32(largest))[None].to(place)
     measurement = torch.from_numpy((y / largest).astype(np.float32))[None].to(place)
-    with torch.inference_mode(), torch.autocast(place.type, torch.bfloat16, enabled=half_precision(place)):
+    half = torch.autocast(place.type, torch.bfloat16, enabled=half_precision(place))
+    with as_many_threads(), torch.inference_mode(), half:
         estimates = network(measurement, masks, refine)
     x = estimates.refined[0].float().cpu().numpy().astype(op.dtype)
     return op.project(x, y, (estimate_noise(op, y) / ERROR) ** 2)

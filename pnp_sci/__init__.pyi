@@ -4,6 +4,8 @@ from . import plot as plot
 from .api import decode as decode
 from .api import solve as solve
 from .arguments import make_prior as make_prior
+from .budget import Recommendation as Recommendation
+from .budget import recommend as recommend
 from .loop import iterate as iterate
 from .masks import MaskCondition as MaskCondition
 from .masks import condition as condition

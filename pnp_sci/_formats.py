@@ -5,13 +5,17 @@ MAT-files hold planes last, (H, W, K) and (H, W, B, V), as MATLAB users expect; 
 
 from __future__ import annotations
 
+import math
 import re
 import zipfile
 from collections.abc import Callable
+from contextlib import closing
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
+from . import _mat
 from .errors import FormatError, InputError, InputTypeError
 
 ONLY = "array"  # key of formats that hold one array without a name
@@ -38,7 +42,8 @@ def load(path: Path) -> Arrays:
     except Exception as error:  # each library has its own exceptions for a damaged file
         reason = (str(error) or type(error).__name__).splitlines()[0]
         raise FormatError(f"{path} cannot be read, it may be damaged: {reason}") from error
-    return {key: np.ascontiguousarray(a) for key, a in arrays.items() if a.dtype.kind in "biuf" and a.size}
+    # names that are no UTF-8 come from h5py as bytes
+    return {str(key): np.ascontiguousarray(a) for key, a in arrays.items() if a.dtype.kind in "biuf" and a.size}
 
 
 def save(path: Path, arrays: Arrays) -> None:
@@ -106,6 +111,7 @@ def _load_mat(path: Path) -> Arrays:
                 for key, item in sets.items()
             }
         return {key: np.asarray(a).swapaxes(-1, -2) if np.ndim(a) > 1 else np.asarray(a) for key, a in arrays.items()}
+    _mat.check(path.read_bytes())
     logical = {key for key, _, kind in scipy.io.whosmat(path) if kind == "logical"}
     arrays = {key: a for key, a in scipy.io.loadmat(path).items() if isinstance(a, np.ndarray)}
     arrays = {key: a.astype(bool) if key in logical else a for key, a in arrays.items()}
@@ -135,7 +141,7 @@ def _load_npy(path: Path) -> Arrays:
 def _load_npz(path: Path) -> Arrays:
     if not zipfile.is_zipfile(path):
         raise FormatError(f"{path} is not an NPZ archive, or it is truncated")
-    with np.load(path, allow_pickle=False) as file:
+    with path.open("rb") as stream, np.load(stream, allow_pickle=False) as file:
         return {key: file[key] for key in file}
 
 
@@ -162,12 +168,26 @@ def _load_tiff(path: Path) -> Arrays:
     import tifffile
 
     with tifffile.TiffFile(path) as file:
+        _check_pages(path, file)
         if any(series.axes.endswith("S") for series in file.series):
             raise FormatError(f"{path}: colour pictures came, grey ones were expected")
         if file.is_imagej:
             return {ONLY: _from_imagej(file)}
         arrays = [series.asarray() for series in file.series]
     return {ONLY: arrays[0]} if len(arrays) == 1 else {f"series{i}": a for i, a in enumerate(arrays)}
+
+
+def _check_pages(path: Path, file: Any) -> None:
+    """FormatError where tifffile would only log what is wrong, and leave out pages or parts of them.
+
+    Must come first: in a circle of pages tifffile otherwise goes round for ever.
+    """
+    file.filehandle.seek(file.pages.next_page_offset)
+    if any(file.filehandle.read(file.tiff.offsetsize)):
+        raise FormatError(f"{path}: the last page points to another one")
+    for page in file.pages:
+        if len(page.dataoffsets) != math.prod(page.keyframe.chunked):
+            raise FormatError(f"{path}: a page has {len(page.dataoffsets)} parts, not {page.keyframe.chunked}")
 
 
 def _from_imagej(file: object) -> np.ndarray:
@@ -240,9 +260,10 @@ def _load_video(path: Path) -> Arrays:
     import imageio_ffmpeg
 
     reader = imageio_ffmpeg.read_frames(str(path), pix_fmt="gray", bits_per_pixel=8)
-    meta = next(reader)
-    columns, rows = meta["size"]
-    frames = [np.frombuffer(frame, np.uint8).reshape(rows, columns) for frame in reader]
+    with closing(reader):
+        meta = next(reader)
+        columns, rows = meta["size"]
+        frames = [np.frombuffer(frame, np.uint8).reshape(rows, columns) for frame in reader]
     expected = meta["duration"] * meta["fps"]
     tolerance = 0.8 + 0.006 * meta["fps"]  # the duration is known to 0.01 s; one frame less is already too few
     if meta.get("audio_codec"):

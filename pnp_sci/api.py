@@ -3,8 +3,10 @@
 from __future__ import annotations
 
 import hashlib
+import inspect
 import logging
 import platform
+import sys
 import time
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
@@ -17,8 +19,10 @@ from typing import Any
 import numpy as np
 
 from . import registry
-from .arguments import Reference, as_plain, check_numbers, describe, first_estimate, make_prior
-from .compose import Stages
+from .arguments import Reference, as_plain, describe, first_estimate, make_prior
+from .budget import LEARNED, prior_within
+from .checks import instance, number, one_of, shaped, whole
+from .compose import Stages, weights_of
 from .errors import InputError
 from .loop import Limits, iterate, run
 from .masks import views_are_separable
@@ -26,12 +30,15 @@ from .operator import SensingOperator
 from .problem import Problem, check_measurement, check_noise, check_operator, pose
 from .result import History, Record, Result, Status
 from .scene import SceneModel, full, judge
-from .schedule import schedule_for
+from .schedule import contrast, schedule_for
 from .solvers import ALGORITHMS, State
+from .threads import limited
 
 EFFORTS = {"fast": 50, "balanced": 100, "best": 200}  # iterations; TV has converged to 0.05 dB by 100 on training clips
-AUTO = {"fast": ("tv", 50), "balanced": ("video", 50), "best": ("video", 110)}  # 30 calls are of TV
-LEARNED = ("torch", "safetensors")  # what the networks need
+# ... with a learned prior: `video` has 26.1, 27.1 and 27.6 dB then on three pairs of the benchmark, in 7, 13 and 27 s
+OF_NETWORKS = {"fast": 50, "balanced": 70, "best": 110}
+AUTO = {"fast": ("tv", 50), "balanced": ("video", 50), "best": ("video", 110)}
+QUICK = ("tv", "wavelet", "none")  # priors that make no more of a scene than its judge does
 _log = logging.getLogger("pnp_sci")
 
 
@@ -53,6 +60,7 @@ def solve(
     callback: Callable[[State], Any] | None = None,
     progress: bool = False,
     device: str | None = None,
+    threads: int | None = None,
     seed: int = 0,
     **prior_options: Any,
 ) -> Result:
@@ -72,9 +80,10 @@ def solve(
     algorithm : "gap", "plain-gap" or "admm"
         "gap" is accelerated, with a regularised projection where there is noise.
     effort : "fast", "balanced" or "best"
-        At most 50, 100 or 200 iterations, unless `iterations` says otherwise; learned priors get no more than 110 to
-        50 of them where there is noise, the fewer the more of it. And what the prior "auto" stands for: "tv", or 50 or
-        110 iterations of "video"; where PyTorch is missing, "flow" for the latter two.
+        At most 50, 100 or 200 iterations, with a learned prior 50, 70 or 110 and, where there is noise, the fewer the
+        more of it; `iterations` overrules that. And what the prior "auto" stands for: "tv", or 50 or 110 iterations of
+        "video"; where PyTorch is missing, "flow" for the latter two. With a `time_budget`, "auto" is the prior that has
+        most to show by then, whatever the effort; see :func:`pnp_sci.recommend`.
     scene : "auto", "full" or SceneModel
         What to model. "auto" drops views that are dark and models a scene in which nothing moves by one frame per view;
         `Result.scene` says what was modelled and why.
@@ -85,7 +94,8 @@ def solve(
     sigma : float, optional
         What the prior is called with, in units where x spans about [0, 1]; by default a rule on the noise decides.
     tol : float
-        Stop when the measurement of the estimate changes by less than this share of ``||y||`` five times in a row.
+        Stop when the measurement of the estimate changes by less than this share of ``||y||`` five times in a row; by
+        less than that where masks hardly differ, being dense or many, and code only a small part of y.
     time_budget : float, optional
         Seconds for the whole call; the best there is by then is returned.
     reference : array_like, optional
@@ -97,6 +107,8 @@ def solve(
         Show a progress bar.
     device : str, optional
         Where learned priors run, such as "cuda"; by default on the CPU.
+    threads : int, optional
+        At most so many of the CPU; by default as many as it has cores. For several calls side by side.
     seed : int
         For priors that draw random numbers.
     **prior_options
@@ -125,30 +137,40 @@ def solve(
     measurements = check_measurement(y)
     op, largest = check_operator(masks, measurements)
     noise = check_noise(noise)
-    if algorithm not in ALGORITHMS:
-        raise InputError(f"algorithm is {algorithm!r}: one of these was expected: {', '.join(ALGORITHMS)}")
-    if effort not in EFFORTS:
-        raise InputError(f"effort is {effort!r}: one of these was expected: {', '.join(EFFORTS)}")
-    if not isinstance(scene, SceneModel) and scene not in ("auto", "full"):
-        raise InputError(f'scene is {scene!r}: "auto", "full" or a SceneModel was expected')
+    one_of("algorithm", algorithm, ALGORITHMS)
+    one_of("effort", effort, EFFORTS)
+    if not isinstance(scene, SceneModel):
+        one_of("scene", scene, ("auto", "full"), " or a SceneModel")
     if isinstance(scene, SceneModel) and (len(scene.views) != op.shape[0] or not any(scene.views)):
         raise InputError(f"scene has views {scene.views}: {op.shape[0]} were expected, one of them True at least")
-    most = EFFORTS[effort]
+    tol, seed = number("tol", tol), whole("seed", seed, 0)
+    iterations = None if iterations is None else whole("iterations", iterations, 1)
+    time_budget = None if time_budget is None else number("time_budget", time_budget)
+    sigma = None if sigma is None else number("sigma", sigma)
+    instance("callback", callback, Callable)  # type: ignore[arg-type]
+    instance("progress", progress, bool)
+    instance("device", device, str)
+    threads = None if threads is None else whole("threads", threads, 1)
+    most = None
     if isinstance(prior, str) and prior == "auto":
-        prior, most = AUTO[effort] if effort == "fast" or all(map(find_spec, LEARNED)) else ("flow", most)
-    check_numbers(iterations=iterations, tol=tol, time_budget=time_budget, sigma=sigma)
+        if time_budget is not None:
+            prior, most = prior_within(time_budget / len(measurements), op.shape), AUTO["best"][1]
+        else:
+            prior, most = AUTO[effort] if effort == "fast" or all(map(find_spec, LEARNED)) else ("flow", None)
     denoiser = make_prior(prior, device=device, seed=seed, **prior_options)
     if iterations is not None:
         most = iterations
     elif isinstance(denoiser, Stages):
         most = denoiser.calls
-    tires = iterations is None and getattr(denoiser, "learned", False)
+    learned = getattr(denoiser, "learned", False)
+    most = most or (OF_NETWORKS if learned else EFFORTS)[effort]
+    tires = learned and iterations is None
     truth = Reference(reference, (len(measurements), *op.shape)) if reference is not None else None
     _warn_of_lost_views(op)
 
     videos = np.empty((len(measurements), *op.shape), op.dtype)
     statuses, records, problems, scenes, allowed = [], [], [], [], []
-    with _bar(progress, most * len(measurements)) as advance:
+    with limited(threads), _bar(progress, most * len(measurements)) as advance:
 
         def observe(state: State, record: Record) -> bool:
             advance(record)
@@ -160,7 +182,7 @@ def solve(
                 now = time.perf_counter()
                 deadline = now + (begin + time_budget - now) / (len(measurements) - n)
             problem = pose(op, largest, measurement, noise)
-            model = choose_scene(scene, problem)
+            model = choose_scene(scene, problem, prior)
             reduced = model.reduce(op)
             states = iterate(  # no name for the first estimate, which is freed after the first step
                 reduced, problem.y, denoiser, model.restrict(first_estimate(init, problem)),
@@ -171,10 +193,10 @@ def solve(
                 return truth.psnr(model.expand(x, op.shape), n, unit) if truth else None
 
             allowed.append(schedule_for(reduced, problem.noise, sigma).enough(most) if tires else most)
-            state, status, course = run(states, problem.y, Limits(allowed[-1], tol, deadline), observe, score)
+            limits = Limits(allowed[-1], tol * contrast(reduced), deadline)
+            state, status, course = run(states, problem.y, limits, observe, score)
             x = model.expand(state.x, op.shape)
-            videos[n] = x if np.isfinite(x).all() else 0
-            videos[n] *= op.dtype.type(problem.unit)
+            _put(x if np.isfinite(x).all() else np.zeros_like(x), videos[n], problem.unit)
             statuses.append(status)
             problems.append(problem)
             scenes.append(model.describe(op))
@@ -185,6 +207,7 @@ def solve(
     settings = {
         "prior": describe(prior, denoiser),
         "prior_options": as_plain(prior_options),
+        "weights": weights_of(denoiser),
         "init": init if isinstance(init, str) else type(init).__name__,
         "algorithm": algorithm,
         "effort": effort,
@@ -194,22 +217,35 @@ def solve(
         "tol": tol,
         "time_budget": time_budget,
         "device": device,
+        "threads": threads,
         "seed": seed,
     }
     x = videos if np.ndim(y) == 3 else videos[0]
+    aside = truth.seconds if truth else 0.0  # the metrics are not the solver's time
     described = scenes[0] if np.ndim(y) == 2 else {"measurements": scenes}
     return Result(
-        x, Status.worst(statuses), History(records), settings | _provenance(y, masks, problems, begin), described
+        x,
+        Status.worst(statuses),
+        History(records),
+        settings | _provenance(y, masks, problems, begin + aside),
+        described,
     )
 
 
-def choose_scene(scene: str | SceneModel, problem: Problem) -> SceneModel:
-    """The model that a `scene` argument of :func:`solve` stands for; quick estimates are made with TV."""
+def choose_scene(scene: str | SceneModel, problem: Problem, prior: Any = None) -> SceneModel:
+    """The model that a `scene` argument of :func:`solve` stands for.
+
+    Quick estimates are made with TV; those of flow must not contradict them, unless the `prior` is a quick one itself.
+    """
     if isinstance(scene, SceneModel):
         return scene
     if scene == "full" or "tv" not in registry.available("priors"):
         return full(problem.op)
-    return judge(problem.op, problem.y, problem.noise, registry.load("priors", "tv")())
+    careful = prior not in QUICK and "flow" in registry.available("priors")
+    return judge(
+        problem.op, problem.y, problem.noise, registry.load("priors", "tv")(),
+        registry.load("priors", "flow")() if careful else None,
+    )  # fmt: skip
 
 
 def decode(y: Any, masks: Any, model: str = "ofanet", **options: Any) -> Result:
@@ -232,24 +268,39 @@ def decode(y: Any, masks: Any, model: str = "ofanet", **options: Any) -> Result:
     ------
     UnknownPluginError
         If no decoder of this name is installed.
+    InputError, InputTypeError
+        If an argument cannot be used, or the model is not for such masks.
     """
     begin = time.perf_counter()
     decoder = registry.load("decoders", model)
     measurements = check_measurement(y)
     op, largest = check_operator(masks, measurements)
+    try:
+        inspect.signature(decoder).bind(op, measurements[0], **options)
+    except TypeError as error:
+        raise InputError(f"options of model {model!r}: {error}") from error
     videos = np.empty((len(measurements), *op.shape), op.dtype)
-    records, problems = [], []
+    statuses, records, problems = [], [], []
     for n, measurement in enumerate(measurements):
         start = time.perf_counter()
         problem = pose(op, largest, measurement, 0.0)
-        x = np.asarray(decoder(op, problem.y, **options), op.dtype)
+        x = shaped("what the decoder returns", decoder(op, problem.y, **options), op.shape, op.dtype)
         seconds = time.perf_counter() - start
+        statuses.append(Status.DECODED if np.isfinite(x).all() else Status.NOT_FINITE)
+        x = x if statuses[-1].ok else np.zeros_like(x)
         residual = float(np.linalg.norm(problem.y - op.forward(x)) / (np.linalg.norm(problem.y) or 1))
         records.append(Record(0, seconds, residual, float("nan"), measurement=n))
         problems.append(problem)
-        videos[n] = x * op.dtype.type(problem.unit)
+        _put(x, videos[n], problem.unit)
     settings = {"model": model, "model_options": as_plain(options)} | _provenance(y, masks, problems, begin)
-    return Result(videos if np.ndim(y) == 3 else videos[0], Status.DECODED, History(records), settings)
+    return Result(videos if np.ndim(y) == 3 else videos[0], Status.worst(statuses), History(records), settings)
+
+
+def _put(x: np.ndarray, video: np.ndarray, unit: float) -> None:
+    """video <- x * unit, as far as the type reaches: an estimate may be larger than what y and the masks allow."""
+    with np.errstate(over="ignore"):
+        np.multiply(x, video.dtype.type(unit), out=video)
+    np.nan_to_num(video, copy=False)
 
 
 def _warn_of_lost_views(op: SensingOperator) -> None:
@@ -287,14 +338,15 @@ def _provenance(y: Any, masks: Any, problems: list[Problem], begin: float) -> di
         "unit": [problem.unit for problem in problems],
         "y": _digest(y),
         "masks": _digest(masks.masks if isinstance(masks, SensingOperator) else masks),
-        "versions": dict(_versions()),
+        "versions": dict(_versions("torch" in sys.modules)),
         "seconds": time.perf_counter() - begin,
     }
 
 
 @cache
-def _versions() -> dict[str, str]:
-    return {p: version(p) for p in ("pnp-sci", "numpy", "numba")} | {"python": platform.python_version()}
+def _versions(torch: bool) -> dict[str, str]:
+    packages = ("pnp-sci", "numpy", "numba", *(("torch",) if torch else ()))
+    return {p: version(p) for p in packages} | {"python": platform.python_version()}
 
 
 def _digest(array: Any) -> str:

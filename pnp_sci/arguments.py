@@ -3,12 +3,14 @@
 from __future__ import annotations
 
 import inspect
-from collections.abc import Sequence
+import time
+from collections.abc import Callable, Sequence
 from typing import Any
 
 import numpy as np
 
 from . import registry
+from .checks import real_array, require_finite, shaped, whole
 from .compose import Joint, Stages, TorchDenoiser, is_torch_module
 from .errors import InputError, InputTypeError
 from .metrics import psnr, ssim
@@ -38,15 +40,20 @@ def _make(prior: Any, options: dict[str, Any], used: set[str]) -> Denoiser:
         factory = registry.load("priors", prior)
         taken = {k: v for k, v in options.items() if k in inspect.signature(factory).parameters}
         used.update(taken)
-        return factory(**taken)
+        try:
+            return factory(**taken)
+        except (InputError, InputTypeError):
+            raise
+        except (TypeError, ValueError, OverflowError) as error:  # a prior may not look at the types it is given
+            given = {k: v for k, v in taken.items() if k not in ("device", "seed")}
+            raise InputTypeError(f"prior {prior!r} cannot be made with {given}: {error}") from error
     if is_torch_module(prior):
         return TorchDenoiser(prior, options["device"])
-    if isinstance(prior, Denoiser):
+    if isinstance(prior, Denoiser) and not isinstance(prior, type):
         return prior
     if isinstance(prior, Sequence) and prior and all(isinstance(s, Sequence) and len(s) == 2 for s in prior):
         for _, calls in prior:
-            if not isinstance(calls, (int, np.integer)) or calls < 1:
-                raise InputError(f"prior has a stage of {calls!r} iterations: a whole number >= 1 was expected")
+            whole("iterations of a stage of prior", calls, 1)
         later = {"first": 0, **options}  # whoever comes after another finds the scene estimated already
         made = [_make(stage, options if n == 0 else later, used) for n, (stage, _) in enumerate(prior)]
         return Stages([(denoiser, int(calls)) for denoiser, (_, calls) in zip(made, prior)])
@@ -65,13 +72,13 @@ def first_estimate(init: Any, problem: Problem) -> np.ndarray:
     op = problem.op
     if isinstance(init, str):
         x = level(op, problem.y) if init == "adjoint" else registry.load("inits", init)(op, problem.y)
-    elif callable(init):
+    elif callable(init) and not isinstance(init, type):
         x = init(op, problem.y)
     else:
-        x = np.asarray(init, op.dtype) / op.dtype.type(problem.unit)
-    x = np.ascontiguousarray(x, op.dtype)
-    if x.shape != op.shape or not np.isfinite(x).all():
-        raise InputError(f"init gives an array of shape {x.shape}: finite values of shape {op.shape} were expected")
+        with np.errstate(all="ignore"):  # what the type cannot hold is told below
+            x = real_array("init", init) / np.float64(problem.unit)
+    x = shaped("init", x, op.shape, op.dtype)
+    require_finite("init", x)
     return x
 
 
@@ -79,37 +86,34 @@ class Reference:
     """The truth, and how close a video comes to it."""
 
     def __init__(self, reference: Any, shape: tuple[int, ...]):
-        array = np.asarray(reference)
+        array = real_array("reference", reference)
         if array.size != np.prod(shape):
             raise InputError(f"reference has shape {array.shape}: {shape[1:] if shape[0] == 1 else shape} was expected")
         self.white = float(np.iinfo(array.dtype).max) if array.dtype.kind in "iu" else 1.0
         self.array = array.reshape(shape)
+        self.seconds = 0.0  # that the metrics have taken
 
     def psnr(self, x: np.ndarray, n: int, unit: float = 1.0) -> float:
         """Mean over the views of measurement n, for x in so many of the reference's units."""
-        return float(np.mean(psnr(x * unit / self.white, self.array[n] / self.white)))
+        return self._mean(psnr, x, n, unit)
 
     def ssim(self, x: np.ndarray, n: int) -> float:
         """Mean over the views, of measurement n."""
-        return float(np.mean(ssim(x / self.white, self.array[n] / self.white)))
+        return self._mean(ssim, x, n)
 
-
-def check_numbers(**numbers: Any) -> None:
-    """All of them None or finite and >= 0, iterations a whole number >= 1."""
-    for name, value in numbers.items():
-        if value is None:
-            continue
-        if name == "iterations" and (not isinstance(value, (int, np.integer)) or value < 1):
-            raise InputError(f"iterations is {value!r}: a whole number >= 1 was expected")
-        if not isinstance(value, (int, float, np.number)) or not 0 <= value < np.inf:
-            raise InputError(f"{name} is {value!r}: a finite number >= 0 was expected")
+    def _mean(self, metric: Callable[..., Any], x: np.ndarray, n: int, unit: float = 1.0) -> float:
+        begin = time.perf_counter()
+        with np.errstate(over="ignore"):  # metrics clip to [0, 1]
+            mean = float(np.mean(metric(x * (unit / self.white), self.array[n] / self.white)))
+        self.seconds += time.perf_counter() - begin
+        return mean
 
 
 def describe(prior: Any, denoiser: Denoiser) -> Any:
     """A `prior` argument as JSON can hold it: by name where it has one, so that it can be given again."""
     if isinstance(prior, str):
         return prior
-    if isinstance(denoiser, Stages):
+    if isinstance(denoiser, Stages) and prior is not denoiser:
         return [[describe(p, d), int(c)] for (p, c), (d, _) in zip(prior, denoiser.stages)]
     return repr(prior)
 

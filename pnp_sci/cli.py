@@ -9,9 +9,10 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
+from ._cli_bench import bench
 from ._cli_compare import compare
 from ._cli_inputs import FILE, OUTPUT, interactive, noise_level, one_of, true_video
-from .errors import InputError, SolverError, UnknownPluginError
+from .errors import InputError, UnknownPluginError
 
 if TYPE_CHECKING:
     import numpy as np
@@ -81,6 +82,7 @@ def demo(out: Path, size: int) -> None:
 @click.option("--noise", default="auto", show_default=True, help="Standard deviation in units of y, or auto.")
 @click.option("--time-budget", type=click.FloatRange(min=0, min_open=True), help="Seconds to stop after.")
 @click.option("--device", help="For priors that are networks, such as cuda.")
+@click.option("--threads", type=click.IntRange(min=1), help="At most so many.  [default: one a core]")
 @click.option("--seed", default=0, show_default=True)
 @click.option("--option", "options", multiple=True, metavar="KEY=VALUE", help="Option of the prior; may be repeated.")
 @click.option("--reference", type=FILE, help="File with the true video, to score the result.")
@@ -182,36 +184,20 @@ def info(file: Path, views: int | None) -> None:
 
 
 @main.command()
-@click.option("--cases", default="embedded", show_default=True, help="Comma-separated; dualview, singleview, real too.")
-@click.option("--priors", "names", default="tv", show_default=True, help="Comma-separated.")
-@click.option("--repeat", default=1, show_default=True, type=click.IntRange(min=1), help="Timings of each row.")
-@click.option("--iterations", type=click.IntRange(min=1), help="Default: the solver's.")
-@click.option("--json", "json_file", type=OUTPUT, help="Write the table as JSON.")
-@click.option("--markdown", type=OUTPUT, help="Write the table as Markdown.")
-def bench(
-    cases: str, names: str, repeat: int, iterations: int | None, json_file: Path | None, markdown: Path | None
-) -> None:
-    """Table of cases times priors: PSNR, SSIM, seconds, peak memory; each row in a process of its own."""
-    from tqdm.auto import tqdm
+@click.argument("seconds", type=click.FloatRange(min=0, min_open=True))
+@click.option("--like", default="dualview", show_default=True, help="dualview, singleview, a scene, or VxBxHxW.")
+@click.option("--results", type=FILE, help="File written by `pnp-sci bench`.  [default: what comes with the package]")
+def recommend(seconds: float, like: str, results: Path | None) -> None:
+    """Say which method to take if a measurement may take so many SECONDS on this machine."""
+    from .budget import recommend as choose
 
-    from . import bench as table
-
-    pairs = [(case, prior) for case in table.expand(cases.split(",")) for prior in names.split(",")]
-    rows, failures = [], []
-    for pair in tqdm(pairs, "bench", disable=not interactive()):
-        try:
-            rows.append(table.run(*pair, repeat, iterations))
-        except SolverError as error:
-            failures.append(str(error))
-    click.echo(table.as_markdown(rows))
-    if markdown is not None:
-        markdown.write_text(table.as_markdown(rows) + "\n")
-    if json_file is not None:
-        json_file.write_text(table.as_json(rows) + "\n")
-    if failures:
-        raise click.ClickException("\n".join(failures))
+    sides = like.split("x")
+    size = tuple(map(int, sides)) if len(sides) == 4 and all(side.isdigit() for side in sides) else like
+    advice = choose(seconds, size, results)
+    click.echo(f"{advice.python}\n{advice.psnr:.2f} dB on {', '.join(advice.cases)}; {advice.seconds:.2g} s here")
 
 
+main.add_command(bench)
 main.add_command(compare)
 
 

@@ -7,6 +7,7 @@ from typing import Any
 
 import numpy as np
 
+from .errors import InputError
 from .protocols import Denoiser
 
 
@@ -35,6 +36,9 @@ class Stages:
     def __init__(self, stages: Sequence[tuple[Denoiser, int]]):
         self.stages = list(stages)
         self.reset()
+
+    def __repr__(self) -> str:
+        return f"Stages({self.stages})"
 
     @property
     def calls(self) -> int:
@@ -67,6 +71,9 @@ class Joint:
         self.denoisers = list(denoisers)
         self.learned = any(getattr(denoiser, "learned", False) for denoiser in self.denoisers)
 
+    def __repr__(self) -> str:
+        return f"Joint({self.denoisers})"
+
     def reset(self) -> None:
         """Make all of them forget earlier videos."""
         for denoiser in self.denoisers:
@@ -83,21 +90,47 @@ class Joint:
 class TorchDenoiser:
     """A ``torch.nn.Module`` called ``(x, sigma)`` as a denoiser of arrays.
 
-    The module sees each frame as an image: (V * B, 1, H, W) float32 on `device`, and must return the same shape.
+    The module, from now on in evaluation mode, sees each frame as an image: (V * B, 1, H, W) float32 on its device, by
+    default the one it is on; it must return the same shape.
     """
 
     def __init__(self, module: Any, device: str | None = None):
-        self.module = module.eval() if device is None else module.eval().to(device)
+        from .inference import usable
+
+        self.learned = bool(getattr(module, "learned", False))
+        self.module = module.eval() if device is None else module.eval().to(usable(device))
+        first = next((t for t in (*self.module.parameters(), *self.module.buffers())), None)
+        self.device = usable(device) if first is None else first.device
+
+    def __repr__(self) -> str:
+        return repr(self.module)
+
+    def reset(self) -> None:
+        """Make the module forget earlier videos, if it has a memory: ``reset()``, or ``restart`` as deepinv's have."""
+        reset(self.module)
+        if hasattr(self.module, "restart"):
+            self.module.restart = True
 
     def __call__(self, x: np.ndarray, sigma: float) -> np.ndarray:
         """Denoise x (V, B, H, W)."""
         import torch
 
-        device = next((p.device for p in self.module.parameters()), torch.device("cpu"))
-        frames = torch.from_numpy(np.ascontiguousarray(x, np.float32)).reshape(-1, 1, *x.shape[2:]).to(device)
-        with torch.inference_mode():
+        from .inference import as_many_threads
+
+        frames = torch.tensor(x.reshape(-1, 1, *x.shape[2:]), dtype=torch.float32, device=self.device)
+        with as_many_threads(), torch.inference_mode():
             out = self.module(frames, sigma)
+        if getattr(out, "shape", None) != frames.shape:
+            came = tuple(out.shape) if isinstance(out, torch.Tensor) else type(out).__name__
+            raise InputError(f"prior {type(self.module).__name__} returns {came}: {tuple(frames.shape)} was expected")
         return out.reshape(x.shape).cpu().numpy().astype(x.dtype)
+
+
+def weights_of(denoiser: Any) -> list[str]:
+    """Hashes of the weights of all networks in a denoiser, which read them if nothing has."""
+    parts = getattr(denoiser, "denoisers", None) or [stage for stage, _ in getattr(denoiser, "stages", ())]
+    own = [denoiser.sha256] if isinstance(getattr(type(denoiser), "sha256", None), property) else []
+    return own + [digest for part in parts for digest in weights_of(part)]
 
 
 def is_torch_module(thing: Any) -> bool:

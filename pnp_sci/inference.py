@@ -5,6 +5,10 @@ This module imports torch; nothing in :mod:`pnp_sci` imports it before it is ask
 
 from __future__ import annotations
 
+from collections.abc import Iterator
+from contextlib import contextmanager
+
+import numba
 import torch
 
 from .errors import InputError
@@ -18,6 +22,20 @@ def usable(device: str | None) -> torch.device:
     except (RuntimeError, AssertionError) as error:
         raise InputError(f"device: {device!r} cannot be used here: {str(error).splitlines()[0]}") from error
     return place
+
+
+@contextmanager
+def as_many_threads() -> Iterator[None]:
+    """Let torch use no more threads than numba's kernels do, which ``solve(threads=...)`` may have limited."""
+    before = torch.get_num_threads()
+    if before <= numba.get_num_threads():
+        yield
+        return
+    torch.set_num_threads(numba.get_num_threads())
+    try:
+        yield
+    finally:
+        torch.set_num_threads(before)
 
 
 def half_precision(device: torch.device) -> bool:

@@ -18,6 +18,7 @@ from uuid import uuid4
 import numpy as np
 
 from . import _formats
+from .checks import whole
 from .errors import FormatError, InputError, InputTypeError
 
 _NAMES = {
@@ -210,7 +211,7 @@ def _chosen(
 ) -> tuple[str, np.ndarray]:
     there = ", ".join(f"{name} {array.shape}" for name, array in arrays.items()) or "no numeric array"
     if key is not None:
-        if key not in arrays:
+        if not isinstance(key, str) or key not in arrays:
             raise FormatError(f"{path}: key {key!r} is not in the file, which holds {there}")
         return key, arrays[key]
     if len(candidates) != 1:
@@ -234,8 +235,7 @@ def _doubtful(path: Path, name: str, shape: tuple[int, ...]) -> bool:
 
 def _in_views(path: Path, name: str, array: np.ndarray, views: int | None) -> np.ndarray:
     """(V * B, H, W) -> (V, B, H, W)."""
-    if views is not None and views < 1:
-        raise InputError(f"views is {views}: a number >= 1 was expected")
+    views = None if views is None else whole("views", views, 1)
     if array.ndim == 4 and views in (None, len(array)):
         return array
     planes = array[None] if array.ndim == 2 else array

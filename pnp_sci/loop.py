@@ -9,6 +9,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from .checks import shaped
 from .compose import reset
 from .operator import SensingOperator
 from .protocols import Denoiser
@@ -63,7 +64,7 @@ def iterate(
     """
     step = ALGORITHMS[algorithm]
     plan = schedule_for(op, noise, sigma)
-    denoise = _in_place(denoiser)
+    denoise = _checked(op, _in_place(denoiser))
     reset(denoiser)
     state = start(op, y, x)
     del x  # as large as all that a step needs
@@ -82,6 +83,11 @@ def _in_place(denoiser: Denoiser) -> Denoiser:
     except (TypeError, ValueError):  # some builtins tell nothing of themselves
         return denoiser
     return (lambda v, sigma: denoiser(v, sigma, out=v)) if takes_out else denoiser  # type: ignore[call-arg]
+
+
+def _checked(op: SensingOperator, denoiser: Denoiser) -> Denoiser:
+    """The denoiser, held to what it has to return; values that are not finite are left to the guard."""
+    return lambda x, sigma: shaped("what the prior returns", denoiser(x, sigma), op.shape, op.dtype)
 
 
 @dataclass(frozen=True)

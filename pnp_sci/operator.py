@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from .checks import real_array, require_finite, shaped
 from .errors import InputError, InputTypeError
 
 if TYPE_CHECKING:
@@ -23,9 +24,7 @@ def as_masks(masks: Any, dtype: np.dtype | None = None) -> np.ndarray:
     InputTypeError
         If the values are not real numbers.
     """
-    array = np.asarray(masks)
-    if array.dtype.kind not in "biuf":
-        raise InputTypeError(f"masks has dtype {array.dtype}: real numbers were expected")
+    array = real_array("masks", masks)
     if array.ndim == 3:
         array = array[None]
     if array.ndim != 4 or array.size == 0:
@@ -41,17 +40,6 @@ def as_masks(masks: Any, dtype: np.dtype | None = None) -> np.ndarray:
         converted = np.ascontiguousarray(array, dtype)
     require_finite("masks", converted)
     return converted
-
-
-def require_finite(name: str, array: np.ndarray) -> None:
-    """Raise an InputError that says how many values of `array` are NaN or infinite, and where the first is."""
-    if array.dtype.kind == "f" and not np.isfinite(array).all():
-        bad = ~np.isfinite(array)
-        first = tuple(int(i) for i in np.unravel_index(int(np.argmax(bad)), array.shape))
-        raise InputError(
-            f"{name} has {int(bad.sum())} values that are NaN or infinite in {array.dtype}, the first at index "
-            f"{first}: finite values were expected"
-        )
 
 
 class SensingOperator:
@@ -169,23 +157,18 @@ class SensingOperator:
         )
 
     def _weight(self, rho: float) -> np.ndarray:
-        """1 / (gram + rho), 0 where that is not positive; the last one is kept, for solvers that do not change rho."""
+        """1 / (gram + rho), 0 where that is 0 or denormal; the last one is kept, for solvers that do not change rho."""
         if not rho >= 0:
             raise InputError(f"rho is {rho}: a number >= 0 was expected")
         cached = self.__dict__.get("_last_weight")
         if cached is None or cached[0] != rho:
             total = self.gram.reshape(-1) + self.dtype.type(rho)
-            cached = rho, np.divide(1, total, out=np.zeros_like(total), where=total > 0)
+            cached = rho, np.divide(1, total, out=np.zeros_like(total), where=total >= np.finfo(self.dtype).tiny)
             self._last_weight = cached
         return cached[1]
 
     def _array(self, name: str, value: Any, shape: tuple[int, ...]) -> np.ndarray:
-        array = np.asarray(value)
-        if array.dtype.kind not in "biuf":
-            raise InputTypeError(f"{name} has dtype {array.dtype}: real numbers were expected")
-        if array.shape != shape:
-            raise InputError(f"{name} has shape {array.shape}: {shape} was expected, as the masks have it")
-        return np.ascontiguousarray(array, self.dtype)
+        return shaped(name, value, shape, self.dtype)
 
     def _output(self, out: np.ndarray | None, shape: tuple[int, ...]) -> np.ndarray:
         if out is None:

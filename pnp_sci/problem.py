@@ -7,10 +7,13 @@ from typing import Any
 
 import numpy as np
 
-from .errors import InputError, InputTypeError
+from .checks import number, real_array, require_finite
+from .errors import InputError
 from .noise import estimate_noise
-from .operator import SensingOperator, as_masks, require_finite
+from .operator import SensingOperator, as_masks
 
+NEAR = (1.5, 6, 24, 96)  # pixels: widths of the means over neighbours for pixels that no mask lets light to
+CLOSED = 1e-3  # of the largest weight: below, there are no open neighbours
 LOUDEST = 1e6  # noise in units of max |y|: more changes nothing, and its square must stay finite
 
 
@@ -37,12 +40,13 @@ class Problem:
 
 def check_measurement(y: Any) -> np.ndarray:
     """y as a native array (N, H, W) of finite real numbers; raises InputError or InputTypeError naming y."""
-    array = np.asarray(y)
-    if array.dtype.kind not in "biuf":
-        raise InputTypeError(f"y has dtype {array.dtype}: real numbers were expected")
+    array = real_array("y", y)
     if array.ndim not in (2, 3) or array.size == 0:
         raise InputError(f"y has shape {array.shape}: (rows, columns) or (measurements, rows, columns) was expected")
     require_finite("y", array)
+    if array.dtype == np.longdouble:
+        with np.errstate(over="ignore"):
+            require_finite("y", array.astype(np.float64))
     return array if array.ndim == 3 else array[None]
 
 
@@ -107,18 +111,27 @@ def check_noise(noise: Any) -> float | str:
     """Noise as "auto" or a number >= 0."""
     if isinstance(noise, str) and noise == "auto":
         return "auto"
-    if isinstance(noise, (int, float, np.number)) and 0 <= noise < np.inf:
-        return float(noise)
-    raise InputError(f'noise is {noise!r}: "auto" or a standard deviation >= 0 in the units of y was expected')
+    return number("noise", noise, '"auto" or a standard deviation >= 0 in the units of y')
 
 
 def level(op: SensingOperator, y: np.ndarray) -> np.ndarray:
     """The start called "adjoint": y shared out so that a uniform scene comes out as it is.
 
     Every frame of every view gets ``S y / (S^2 + gram / 4)``, S the sum of the masks: the best guess of a level common
-    to all of them. It is Phi^T y, averaged over views and frames, with weights that undo the masks.
+    to all of them. It is Phi^T y, averaged over views and frames, with weights that undo the masks. Pixels that no mask
+    lets light to get the mean of the nearest that have some.
     """
     total = op.masks.sum((0, 1), dtype=op.dtype)
     below = total**2 + op.gram / 4
     common = np.divide(total * y, below, out=np.zeros_like(y), where=below > 0)
+    dark = below == 0
+    if dark.any():
+        from scipy.ndimage import gaussian_filter
+
+        for width in NEAR:
+            mean, weight = (gaussian_filter(a, width, mode="nearest") for a in (total * y, below))
+            np.divide(mean, weight, out=common, where=dark & (weight > CLOSED * below.max()))
+            dark &= weight <= CLOSED * below.max()
+            if not dark.any():
+                break
     return np.broadcast_to(common, op.shape).copy()

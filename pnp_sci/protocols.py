@@ -17,7 +17,8 @@ class Denoiser(Protocol):
     Called with ``x`` (V, B, H, W), values about [0, 1], and ``sigma`` >= 0, the standard deviation of the noise in the
     same units. Returns a new array of the same shape and dtype. Views must not be mixed.
 
-    One with a memory has ``reset()``. One with a true attribute ``learned`` is called fewer times where there is noise.
+    One with a memory has ``reset()``. One with a true attribute ``learned`` is called fewer times, and the fewer the
+    more noise there is.
     """
 
     def __call__(self, x: np.ndarray, sigma: float) -> np.ndarray:

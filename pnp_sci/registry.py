@@ -31,7 +31,7 @@ def load(kind: str, name: str) -> Any:
         If there is none of that name, or what it needs is not installed: the message lists those there are.
     """
     plugins = available(kind)
-    if name not in plugins:
+    if not isinstance(name, str) or name not in plugins:
         names = ", ".join(plugins) or "none installed"
         raise UnknownPluginError(f"{kind[:-1]} is {name!r}: one of these was expected: {names}")
     plugin = plugins[name]

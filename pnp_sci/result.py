@@ -220,8 +220,16 @@ class Result:
         try:
             parts = _read_hdf5(path) if path.suffix.lower() in _HDF5 else _read_npz(path)
             settings, scene = (json.loads(str(parts[name])) for name in ("settings", "scene"))
-            history = History.from_table(parts["history"])
-            return cls(parts["x"], Status(str(parts["status"])), history, settings, scene)
+            history, x = History.from_table(parts["history"]), parts["x"]
+            if (
+                x.ndim not in (4, 5)
+                or x.dtype.kind != "f"
+                or not (isinstance(settings, dict) and isinstance(scene, dict))
+            ):
+                raise FormatError(
+                    f"x is {x.dtype} {x.shape}, settings and scene are {settings!r:.40} and {scene!r:.40}"
+                )
+            return cls(x, Status(str(parts["status"])), history, settings, scene)
         except Exception as error:  # each library has its own exceptions for a damaged file
             reason = (str(error) or type(error).__name__).splitlines()[0]
             raise FormatError(f"{path} cannot be read as a result: {reason}") from error
@@ -314,7 +322,7 @@ def _as_json(value: Any) -> Any:
 
 
 def _read_npz(path: Path) -> Mapping[str, Any]:
-    with np.load(path, allow_pickle=False) as file:
+    with path.open("rb") as stream, np.load(stream, allow_pickle=False) as file:
         return dict(file)
 
 

@@ -2,13 +2,13 @@
 
 from __future__ import annotations
 
-import itertools
 from collections.abc import Iterator
 from dataclasses import asdict, dataclass
 from typing import Any
 
 import numpy as np
 
+from .errors import InputTypeError
 from .loop import iterate
 from .operator import SensingOperator
 from .problem import level
@@ -16,11 +16,17 @@ from .protocols import Denoiser
 
 DARK = 0.08  # of the brightest view's level: below, a view may be absent
 TILE = 96  # pixels a side of the crop on which models are compared
+WINDOW = 48  # pixels a side of what lies in its middle: something small that moves in a still scene is to be found
 HELD_BACK = 0.1  # of the pixels of y, to be predicted
 ITERATIONS = 60  # of the quick estimates; with fewer the full model has not shown yet what it can do
-EARLY = 20  # iterations that show where the simple model fits worst, and sometimes that the full one is better
-CLEARLY = 0.8  # of the full model's squared error beyond the noise: on 10 scenes from clips of the training set and of
-# the benchmark, whole and cropped, still ones had 0.45 to 0.74 of it and moving ones 0.89 to 4.7
+LOOK = 10  # iterations that show where the simple model is worst off
+EARLY = 20  # ... and sometimes that the full one is better
+EVERYWHERE = 0.3  # of the mean squared error, added to that of every window: where both models fit well is no contest
+# Of the full model's squared error beyond the noise. On 14 clips of 256 x 256 through masks for two views of ten frames
+# and for one of eight, still ones have at most 0.87 of it and all but 3 of 28 moving ones 0.85 or more.
+CLEARLY = 0.8
+# ... of what the full model has with flow: there, still ones have at most 1.4 but for one, moving ones more but for one
+CONTRADICTED = 1.25
 
 
 @dataclass(frozen=True)
@@ -40,6 +46,12 @@ class SceneModel:
     views: tuple[bool, ...]
     still: bool = False
     reason: str = "as asked for"
+
+    def __post_init__(self):
+        try:
+            object.__setattr__(self, "views", tuple(bool(view) for view in self.views))  # 0 and 1 would be indices
+        except (TypeError, ValueError) as error:
+            raise InputTypeError(f"views is {self.views!r}: a tuple of bool was expected") from error
 
     @property
     def complete(self) -> bool:
@@ -82,12 +94,15 @@ def full(op: SensingOperator, reason: str = "as asked for") -> SceneModel:
     return SceneModel((True,) * op.shape[0], False, reason)
 
 
-def judge(op: SensingOperator, y: np.ndarray, noise: float, denoiser: Denoiser) -> SceneModel:
+def judge(
+    op: SensingOperator, y: np.ndarray, noise: float, denoiser: Denoiser, careful: Denoiser | None = None
+) -> SceneModel:
     """What this measurement requires to be modelled, from the measurement alone.
 
     Simpler models are tried against the full one: without the views whose level is near 0, and with one frame per view.
-    On the crop where the simple model fits worst a tenth of the pixels of y is held back, both models are estimated
-    quickly from the rest, and the simple one is taken if it predicts what was held back clearly better.
+    A tenth of the pixels of y is held back, both models are estimated quickly from the rest, and where the simple one
+    is worst off beside the other they are compared with more care: it is taken if it predicts what was held back
+    clearly better there too.
 
     Parameters
     ----------
@@ -98,6 +113,10 @@ def judge(op: SensingOperator, y: np.ndarray, noise: float, denoiser: Denoiser) 
         Standard deviation of the noise of y.
     denoiser : Denoiser
         For the quick estimates, such as TV.
+    careful : Denoiser, optional
+        A better one, such as flow, for solvers whose prior is better than `denoiser` too: with it the full model must
+        not predict clearly better than a still one does quickly. Where masks are sparse, frames many or pictures small,
+        a still model is as good as what TV makes of a moving scene, but not as good as what flow makes of it.
     """
     chosen = full(op, "every view and frame is needed")
     levels = view_levels(op, y)
@@ -110,7 +129,7 @@ def judge(op: SensingOperator, y: np.ndarray, noise: float, denoiser: Denoiser) 
     if op.shape[1] > 1:
         so_far = "" if chosen.complete else chosen.reason + "; "
         still = SceneModel(chosen.views, True, so_far + "nothing moves: one frame per view explains y")
-        if _predicts_better(op, y, noise, denoiser, still, chosen):
+        if _predicts_better(op, y, noise, denoiser, still, chosen, careful):
             chosen = still
     return chosen
 
@@ -134,23 +153,31 @@ def view_levels(op: SensingOperator, y: np.ndarray) -> np.ndarray:
 
 
 def _predicts_better(
-    op: SensingOperator, y: np.ndarray, noise: float, denoiser: Denoiser, simple: SceneModel, other: SceneModel
+    op: SensingOperator,
+    y: np.ndarray,
+    noise: float,
+    denoiser: Denoiser,
+    simple: SceneModel,
+    other: SceneModel,
+    careful: Denoiser | None = None,
 ) -> bool:
-    """Whether the simple model predicts pixels of y held back clearly better, on the tile where it has most trouble."""
+    """Whether the simple model predicts pixels of y held back clearly better, on the tile where it is worst off."""
     seen = np.random.default_rng(0).random(y.shape) >= HELD_BACK
-    error = next(_prediction_errors(simple.reduce(op), y, seen, noise, denoiser, EARLY))
-    crop = _worst_tile(error**2)
+    errors = (next(_prediction_errors(model.reduce(op), y, seen, noise, denoiser, LOOK)) for model in (simple, other))
+    crop = _contested_tile(*(~seen * error**2 for error in errors))
     part, y, seen = SensingOperator(op.masks[(..., *crop)], op.dtype), y[crop], seen[crop]
     if seen.all():
         return False
 
-    def squares(model: SceneModel, *iterations: int) -> Iterator[float]:
-        for error in _prediction_errors(model.reduce(part), y, seen, noise, denoiser, *iterations):
+    def squares(model: SceneModel, prior: Denoiser, *iterations: int) -> Iterator[float]:
+        for error in _prediction_errors(model.reduce(part), y, seen, noise, prior, *iterations):
             yield float(np.mean(error[~seen] ** 2)) - noise**2
 
-    of_simple = next(squares(simple, ITERATIONS))
+    of_simple = next(squares(simple, denoiser, ITERATIONS))
     # below 0 all is noise, and tells nothing; the other model only gets better after the early look
-    return all(square > 0 and of_simple <= CLEARLY * square for square in squares(other, EARLY, ITERATIONS))
+    if not all(square > 0 and of_simple <= CLEARLY * square for square in squares(other, denoiser, EARLY, ITERATIONS)):
+        return False
+    return careful is None or of_simple <= CONTRADICTED * next(squares(other, careful, ITERATIONS))
 
 
 def _prediction_errors(
@@ -165,11 +192,25 @@ def _prediction_errors(
             return
 
 
-def _worst_tile(error: np.ndarray) -> tuple[slice, slice]:
-    """The tile of TILE x TILE pixels (or the whole of a smaller side) with the largest sum of errors."""
-    rows, columns = (min(TILE, n) for n in error.shape)
-    tops, lefts = (range(0, n - t + 1, max(t // 2, 1)) for n, t in zip(error.shape, (rows, columns)))
-    top, left = max(
-        itertools.product(tops, lefts), key=lambda c: error[c[0] : c[0] + rows, c[1] : c[1] + columns].sum()
+def _contested_tile(simple: np.ndarray, other: np.ndarray) -> tuple[slice, slice]:
+    """The tile around the window where a model's squared errors (H, W) are largest beside those of another one.
+
+    Where they are largest in themselves it is fine texture that they show, which may well stand still.
+    """
+    from scipy.ndimage import uniform_filter
+
+    window = tuple(min(WINDOW, n) for n in simple.shape)
+    inside = tuple(slice(w // 2, n - (w - 1) // 2) for n, w in zip(simple.shape, window))
+    of_simple, of_other = (
+        uniform_filter(errors, window, np.float64)[inside] + EVERYWHERE * errors.mean()  # type: ignore[arg-type]
+        for errors in (simple, other)
     )
-    return slice(top, top + rows), slice(left, left + columns)
+    ratio = of_simple / np.maximum(of_other, np.finfo(np.float64).tiny)
+    middle = np.unravel_index(np.argmax(ratio), ratio.shape)
+    return tuple(_around(int(m) + i.start, n) for m, i, n in zip(middle, inside, simple.shape))  # type: ignore[return-value]
+
+
+def _around(middle: int, length: int) -> slice:
+    """TILE pixels around the middle one, within so many; all of them if there are fewer."""
+    start = max(min(middle - TILE // 2, length - TILE), 0)
+    return slice(start, start + TILE)

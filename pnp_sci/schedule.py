@@ -13,7 +13,22 @@ BALANCE = 0.6  # sigma * rho per variance of the noise, where that is small
 SOFTEST = 0.15  # largest rho at the beginning, in units of the mean gram: with more, the data act slowly
 FALL = 40  # iterations in which a sigma that noise has raised falls
 ENOUGH = 50  # iterations that strong noise leaves of use to a network
+HALF_OPEN = 0.22  # spread over level of 20 binary masks of density 1/2
 MORE = 60  # ... and as many more are of use with weak noise
+
+
+def contrast(op: SensingOperator) -> float:
+    """How much of y codes, 1 for 20 binary masks of density 1/2 or more: what tells frames apart, over the mean level.
+
+    The spread of the masks over views and frames, ``sqrt(sum(gram - S^2 / n) / sum(S^2))`` with S their sum and n their
+    number, in units of 0.22.
+    """
+    total = op.masks.sum((0, 1), dtype=np.float64)
+    level = float(np.sum(total**2))
+    spread = float(np.sum(op.gram, dtype=np.float64)) - level / (op.shape[0] * op.shape[1])
+    if level == 0 or spread <= 0:  # masks that cancel each other, or a single frame
+        return 1.0
+    return min(1.0, float(np.sqrt(spread / level)) / HALF_OPEN)
 
 
 @dataclass(frozen=True)

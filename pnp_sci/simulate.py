@@ -7,9 +7,10 @@ from typing import Any
 
 import numpy as np
 
+from .checks import require_finite
 from .errors import InputError
 from .io import read_video
-from .operator import SensingOperator, require_finite
+from .operator import SensingOperator
 
 
 def simulate(

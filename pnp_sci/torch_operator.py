@@ -11,7 +11,7 @@ import numpy as np
 import torch
 
 from .errors import InputError, InputTypeError
-from .operator import as_masks
+from .operator import SensingOperator, as_masks
 
 _FLOATING = (torch.float32, torch.float64)
 
@@ -24,7 +24,7 @@ class TorchSensingOperator(torch.nn.Module):
 
     Parameters
     ----------
-    masks : array_like or Tensor, (V, B, H, W) or (B, H, W)
+    masks : array_like, Tensor, (V, B, H, W) or (B, H, W), or SensingOperator
         Any real values; 3-D masks mean a single view. bool and uint8 are kept at one byte an element.
     dtype : torch.float32 or torch.float64, optional
         Of videos and measurements. Default: float64 if masks are float64, else float32.
@@ -63,7 +63,10 @@ class TorchSensingOperator(torch.nn.Module):
         super().__init__()
         if dtype is not None and dtype not in _FLOATING:
             raise InputTypeError(f"dtype is {dtype}: torch.float32 or torch.float64 was expected")
-        if isinstance(masks, torch.Tensor):
+        if isinstance(masks, SensingOperator):
+            dtype = dtype or getattr(torch, masks.dtype.name)
+            masks = masks.masks
+        elif isinstance(masks, torch.Tensor):
             device = device or masks.device
             masks = masks.detach().cpu().numpy()
         array = as_masks(masks, np.dtype(np.float64) if dtype == torch.float64 else None)
@@ -104,17 +107,18 @@ class TorchSensingOperator(torch.nn.Module):
         x : Tensor or array_like, (..., V, B, H, W)
         y : Tensor or array_like, (..., H, W)
             Its batch dimensions broadcast against those of x.
-        rho : float or Tensor of one element
-            >= 0, in units of gram; as a tensor it may be learned.
+        rho : float or Tensor
+            >= 0, in units of gram; a tensor may be learned, and broadcasts against y.
 
         Raises
         ------
         InputError, InputTypeError
             If a shape does not end as the masks have it, values are not real, or rho is negative.
         """
-        value = rho.item() if isinstance(rho, torch.Tensor) else float(rho)
-        if not value >= 0:
-            raise InputError(f"rho is {value}: a number >= 0 was expected")
+        rho = rho if isinstance(rho, torch.Tensor) else torch.tensor(rho, dtype=self.dtype, device=self.gram.device)
+        smallest = float(rho.detach().min())
+        if not smallest >= 0:
+            raise InputError(f"rho is {smallest}: a number >= 0 was expected")
         x = self._tensor("x", x, self.shape)
         total = self.gram + rho
         alive = total > 0

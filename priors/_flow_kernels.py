@@ -9,37 +9,38 @@ FRACTION = 64  # flow is stored in 64ths of a pixel, as int16: half the memory o
 SMOOTH = 3  # pixels either side of the box that averages squared differences, applied twice: a Gaussian of 2.8 pixels
 
 
-@device_function
-def _cubic(t, w):
-    """Weights of Catmull-Rom interpolation at the fraction t between samples 1 and 2 of four."""
-    w[0] = ((-0.5 * t + 1.0) * t - 0.5) * t
-    w[1] = (1.5 * t - 2.5) * t * t + 1.0
-    w[2] = ((-1.5 * t + 2.0) * t + 0.5) * t
-    w[3] = (0.5 * t - 0.5) * t * t
+def _catmull_rom(t: np.ndarray) -> np.ndarray:
+    """Weights (..., 4) of Catmull-Rom interpolation at the fraction t between the middle two of four samples."""
+    before, after = ((-0.5 * t + 1.0) * t - 0.5) * t, (0.5 * t - 0.5) * t * t
+    here, there = (1.5 * t - 2.5) * t * t + 1.0, ((-1.5 * t + 2.0) * t + 0.5) * t
+    return np.stack([before, here, there, after], -1).astype(np.float32)
+
+
+CUBIC = _catmull_rom(np.arange(FRACTION) / FRACTION)
 
 
 @device_function
 def _warp(frame, flow, out):
-    """out[i, j] <- frame[i + flow rows, j + flow columns], bicubic; the frame goes on beyond its edges as it ends."""
+    """out[i, j] <- frame[i + flow rows, j + flow columns], bicubic; the frame goes on beyond its edges as it ends.
+
+    Inside, pixels are counted from the first one by unsigned integers, which numba does not check for being negative.
+    """
     rows, columns = frame.shape
-    wr, wc = np.empty(4, frame.dtype), np.empty(4, frame.dtype)
-    unit = frame.dtype.type(1.0 / FRACTION)
+    pixels, row, u = frame.reshape(-1), np.uint64(columns), np.uint64
     for i in range(rows):
         for j in range(columns):
             y = min(max(i * FRACTION + flow[i, j, 1], 0), (rows - 1) * FRACTION)
             x = min(max(j * FRACTION + flow[i, j, 0], 0), (columns - 1) * FRACTION)
             r, c = y // FRACTION, x // FRACTION
-            _cubic((y - r * FRACTION) * unit, wr)
-            _cubic((x - c * FRACTION) * unit, wc)
+            wr, wc = CUBIC[u(y - r * FRACTION)], CUBIC[u(x - c * FRACTION)]
             total = frame.dtype.type(0)
             if 0 < r < rows - 2 and 0 < c < columns - 2:
-                for a in range(4):
-                    total += wr[a] * (
-                        wc[0] * frame[r + a - 1, c - 1]
-                        + wc[1] * frame[r + a - 1, c]
-                        + wc[2] * frame[r + a - 1, c + 1]
-                        + wc[3] * frame[r + a - 1, c + 2]
-                    )
+                corner = u((r - 1) * columns + c - 1)
+                for b in range(u(4)):
+                    k = corner + b
+                    below = wr[u(0)] * pixels[k] + wr[u(1)] * pixels[k + row]
+                    below += wr[u(2)] * pixels[k + u(2) * row] + wr[u(3)] * pixels[k + u(3) * row]
+                    total += wc[b] * below
             else:
                 for a in range(4):
                     ra = min(max(r + a - 1, 0), rows - 1)

@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from functools import cached_property
 from pathlib import Path
-from typing import TYPE_CHECKING, ClassVar
+from typing import TYPE_CHECKING, Any, ClassVar
 
 import numpy as np
 
@@ -13,6 +13,21 @@ from pnp_sci.errors import InputError, InputTypeError
 
 if TYPE_CHECKING:
     from ._inference import Runner
+
+
+LIMIT = 6.0  # no pixel moves by more standard deviations than this: white noise exceeds it once in 5e8 pixels
+
+
+def checked(x: Any, sigma: float) -> np.ndarray:
+    """x as an array, if the networks can take it and sigma; else InputError or InputTypeError."""
+    x = np.asarray(x)
+    if x.dtype not in (np.float32, np.float64):
+        raise InputTypeError(f"x holds {x.dtype}, but float32 or float64 was expected")
+    if x.ndim != 4 or 0 in x.shape:
+        raise InputError(f"x has shape {x.shape}, but views x frames x rows x columns was expected, none of them 0")
+    if not (math.isfinite(sigma) and sigma >= 0):
+        raise InputError(f"sigma is {sigma}, but a finite number >= 0 was expected")
+    return x
 
 
 class Learned:
@@ -69,13 +84,7 @@ class Learned:
         pnp_sci.errors.InputTypeError
             If x does not hold floating-point numbers.
         """
-        x = np.asarray(x)
-        if x.dtype not in (np.float32, np.float64):
-            raise InputTypeError(f"x holds {x.dtype}, but float32 or float64 was expected")
-        if x.ndim != 4 or 0 in x.shape:
-            raise InputError(f"x has shape {x.shape}, but views x frames x rows x columns was expected, none of them 0")
-        if not (math.isfinite(sigma) and sigma >= 0):
-            raise InputError(f"sigma is {sigma}, but a finite number >= 0 was expected")
+        x = checked(x, sigma)
         if sigma == 0:
             return x.copy()
         return x - self._noise(np.ascontiguousarray(x, np.float32), float(sigma))

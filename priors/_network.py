@@ -12,7 +12,7 @@ import torch
 import torch.nn.functional as F
 from torch import nn
 
-LIMIT = 6.0  # no pixel moves by more standard deviations than this: white noise exceeds it once in 5e8 pixels
+from ._learned import LIMIT
 
 
 @dataclass(frozen=True)

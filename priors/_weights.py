@@ -9,6 +9,7 @@ from pathlib import Path
 import torch
 
 from pnp_sci import weights
+from pnp_sci.errors import FormatError
 
 from ._network import Architecture, Network
 
@@ -29,7 +30,10 @@ def load(path: str | Path, name: str) -> tuple[Network, str]:
         If the file is no safetensors file, holds another prior, or its values are not those that were saved.
     """
     tensors, metadata = weights.read(path, {"prior": name}, f"python -m priors.train {name}")
-    fields = json.loads(metadata["architecture"])
-    network = Network(Architecture(**{key: tuple(value) for key, value in fields.items()}))
+    try:
+        fields = json.loads(metadata["architecture"])
+        network = Network(Architecture(**{key: tuple(value) for key, value in fields.items()}))
+    except (KeyError, TypeError, ValueError) as error:
+        raise FormatError(f"{path} says nothing usable of its architecture: {error!r}") from error
     weights.fill(network, tensors, path)
     return network.eval().to(memory_format=torch.channels_last), metadata["sha256"]  # type: ignore[call-overload]

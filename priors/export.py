@@ -34,6 +34,11 @@ def export(name: str, out: Path, weights: Path | None = None) -> None:
     pnp_sci.errors.DataUnavailableError, pnp_sci.errors.FormatError
         If there are no such weights, or they cannot be used.
     """
+    try:
+        import onnxscript  # noqa: F401
+    except ImportError as error:
+        raise ImportError("ONNX needs onnx and onnxscript: pip install 'pnp-sci[onnx]'") from error
+    out.parent.mkdir(parents=True, exist_ok=True)
     network, digest = _weights.load(weights or OWN / f"{name}.safetensors", name)
     size = 2 * network.architecture.multiple
     x = torch.rand(2, size, size)

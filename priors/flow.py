@@ -6,9 +6,7 @@ from typing import Any
 
 import numpy as np
 
-from pnp_sci.compose import reset
 from pnp_sci.errors import InputError
-from pnp_sci.protocols import Denoiser
 
 from .motion import SMALLEST, Motion, measure
 from .tv import TV
@@ -38,8 +36,6 @@ class Flow:
         in units of sigma.
     drift : float
         Distance in pixels between going there and back along the flow at which the weight falls to 1/e, > 0.
-    frames : callable, optional
-        What denoises the frames on their own before they are averaged, called ``frames(x, sigma)``; by default TV.
 
     Raises
     ------
@@ -59,14 +55,14 @@ class Flow:
     (1, 3, 32, 32)
     """
 
-    def __init__(self, neighbours: int = 3, tolerance: float = 2.2, drift: float = 1.5, frames: Denoiser | None = None):
+    def __init__(self, neighbours: int = 3, tolerance: float = 2.2, drift: float = 1.5):
         if int(neighbours) != neighbours or neighbours < 1:
             raise InputError(f"neighbours is {neighbours}: a whole number >= 1 was expected")
         for name, value in (("tolerance", tolerance), ("drift", drift)):
             if not 0 < value < np.inf:
                 raise InputError(f"{name} is {value}: a number > 0 was expected")
         self.neighbours, self.tolerance, self.drift = int(neighbours), float(tolerance), float(drift)
-        self._before, self._frames = TV(), frames or TV(STRENGTH, time=0, inner=3)
+        self._before, self._frames = TV(), TV(STRENGTH, time=0, inner=3)
         self.reset()
 
     def __repr__(self) -> str:
@@ -79,7 +75,7 @@ class Flow:
         self._fits: tuple[int, ...] | None = None
         self._motion: list[Motion] = []
         self._before.reset()
-        reset(self._frames)
+        self._frames.reset()
 
     def __call__(self, x: Any, sigma: float, out: np.ndarray | None = None) -> np.ndarray:
         """Denoise x (V, B, H, W), values about [0, 1]; see :class:`priors.tv.TV` for the arguments."""

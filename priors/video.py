@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import hashlib
 from numbers import Integral
 from pathlib import Path
 
@@ -9,7 +10,7 @@ import numpy as np
 
 from pnp_sci.errors import InputError
 
-from ._learned import Learned
+from ._learned import LIMIT, Learned
 from .ffdnet import FFDNet
 from .motion import SMALLEST, Motion, measure
 
@@ -17,7 +18,6 @@ NEIGHBOURS = 3  # frames either side that help a frame
 TOLERANCE = 0.75  # difference between a frame and its warped neighbour at which that counts 1/e, in units of sigma
 DRIFT = 1.5  # pixels between going there and back along the flow at which a neighbour counts 1/e
 FAINT = 1e-4  # sigma below which an average is not worth it
-LIMIT = 6.0  # no pixel moves by more standard deviations than this
 
 
 class VideoDenoiser(Learned):
@@ -71,6 +71,11 @@ class VideoDenoiser(Learned):
         self._calls = 0
         self._fits: tuple[int, ...] | None = None
         self._motion: list[Motion] = []
+
+    @property
+    def sha256(self) -> str:
+        """Hash of the values of the weights of both networks, 64 hexadecimal digits."""
+        return hashlib.sha256(f"{super().sha256} {self.image.sha256}".encode()).hexdigest()
 
     def load(self) -> None:
         """Read the weights of both networks now; else the first call does it."""

@@ -149,8 +149,9 @@ class Wavelet:
 
 def shrink(band: np.ndarray, sigma: float) -> np.ndarray:
     """Soft threshold ``sigma^2 / sqrt(max(mean(band^2) - sigma^2, 0))`` for each frame of a band (B, H, W)."""
-    signal = np.mean(band * band, axis=(1, 2), keepdims=True).astype(np.float64) - sigma**2
+    variance = sigma * sigma  # with ** an OverflowError where it is too large
+    signal = np.mean(band * band, axis=(1, 2), keepdims=True).astype(np.float64) - variance
     threshold = np.full_like(signal, np.inf)
-    np.divide(sigma**2, np.sqrt(np.maximum(signal, 0)), out=threshold, where=signal > 0)
+    np.divide(variance, np.sqrt(np.maximum(signal, 0)), out=threshold, where=signal > 0)
     threshold = threshold.astype(band.dtype)
     return band - np.clip(band, -threshold, threshold)

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 import pnp_sci
-from pnp_sci import Status, datasets, solve
+from pnp_sci import Status, datasets, registry, solve
 from pnp_sci.errors import InputError, InputTypeError, UnknownPluginError
 
 
@@ -132,6 +132,23 @@ def test_a_prior_that_returns_nan_is_caught(scene):
     assert result.x.any()
 
 
+def test_a_prior_may_return_what_numpy_understands(scene):
+    """Lists, and values that float32 cannot hold, which the guard finds."""
+    listed, plain = (solve(scene.y, scene.masks, p, iterations=3) for p in (lambda x, sigma: x.tolist(), "none"))
+    np.testing.assert_array_equal(listed.x, plain.x)
+    huge = solve(scene.y, scene.masks, lambda x, sigma: x + np.float64(1e300), iterations=3)
+    assert huge.status is Status.NOT_FINITE
+    assert np.isfinite(huge.x).all()
+
+
+@pytest.mark.parametrize("value", [np.nan, np.inf])
+def test_a_decoder_that_fails_is_told(scene, value, monkeypatch):
+    monkeypatch.setitem(registry._registered["decoders"], "spoiled", lambda op, y: np.full(op.shape, value))
+    result = pnp_sci.decode(scene.y, scene.masks, "spoiled")
+    assert result.status is Status.NOT_FINITE
+    assert not result.x.any()
+
+
 @pytest.mark.parametrize("value", [np.nan, np.inf])
 def test_a_bad_value_that_no_mask_lets_through_is_caught(scene, value):
     """The guard looks at the residual alone."""
@@ -166,6 +183,43 @@ def test_torch_module_as_prior(scene):
     assert result.history["psnr"][-1] > result.history["psnr"][0]
 
 
+def test_a_torch_module_that_returns_something_else_is_named(scene):
+    torch = pytest.importorskip("torch")
+
+    class Transpose(torch.nn.Module):
+        def forward(self, x, sigma):
+            return x.transpose(0, 1)
+
+    class Two(torch.nn.Module):
+        def forward(self, x, sigma):
+            return x, x
+
+    with pytest.raises(InputError, match=r"prior Transpose returns \(1, 20, .* was expected"):
+        solve(scene.y, scene.masks, prior=Transpose(), iterations=1)
+    with pytest.raises(InputError, match="prior Two returns tuple"):
+        solve(scene.y, scene.masks, prior=Two(), iterations=1)
+
+
+def test_a_module_that_works_in_place_leaves_its_input_alone():
+    torch = pytest.importorskip("torch")
+
+    class InPlace(torch.nn.Module):
+        def forward(self, x, sigma):
+            return x.zero_()
+
+    x = np.ones((1, 2, 4, 4), np.float32)
+    assert not pnp_sci.make_prior(InPlace())(x, 0.1).any()
+    assert x.all()
+
+
+def test_a_prior_that_has_been_made_may_be_given_again(scene):
+    made = pnp_sci.make_prior([("tv", 2), ("wavelet", 1)])
+    result = solve(scene.y, scene.masks, prior=made, iterations=3, scene="full")
+    named = solve(scene.y, scene.masks, prior=[("tv", 2), ("wavelet", 1)], iterations=3, scene="full")
+    np.testing.assert_array_equal(result.x, named.x)
+    assert result.settings["prior"].startswith("Stages([(TV(")
+
+
 def test_noise_is_regularised(scene):
     """With noise the limit does not fit y, and is better for it than one that does."""
     y = pnp_sci.simulate(scene.truth, scene.masks, noise=0.1)
@@ -191,6 +245,28 @@ def test_init_and_reference_in_users_units(scene):
     assert result.history["psnr"][0] > 50
 
 
+def test_the_time_of_metrics_is_not_the_solvers(scene, monkeypatch):
+    def slow(x, reference):
+        time.sleep(0.1)
+        return pnp_sci.psnr(x, reference)
+
+    monkeypatch.setattr("pnp_sci.arguments.psnr", slow)
+    solve(scene.y, scene.masks, iterations=1)  # compiles
+    result = solve(scene.y, scene.masks, iterations=30, tol=0, reference=scene.truth)
+    assert result.history[-1].seconds <= result.settings["seconds"] < 3
+
+
+@pytest.mark.parametrize(("effort", "calls", "learned"), [("fast", 50, 50), ("balanced", 100, 70), ("best", 200, 110)])
+def test_effort_is_a_number_of_iterations_fewer_for_networks(scene, effort, calls, learned):
+    def prior(x, sigma):
+        return x.copy()
+
+    results = [solve(scene.y, scene.masks, prior, effort=effort, noise=0)]
+    prior.learned = True
+    results.append(solve(scene.y, scene.masks, prior, effort=effort, noise=0))
+    assert [result.settings["iterations"] for result in results] == [calls, learned]
+
+
 def test_settings_reproduce(scene):
     result = solve(scene.y, scene.masks, prior="tv", iterations=5, strength=0.5)
     s = result.settings
@@ -210,7 +286,7 @@ def test_settings_reproduce(scene):
         ({"prior": "no such"}, "prior is 'no such'.*tv.*wavelet"),
         ({"prior": 3}, "prior is 3"),
         ({"init": "no such"}, "init is 'no such'"),
-        ({"init": np.ones((1, 2))}, "init gives"),
+        ({"init": np.ones((1, 2))}, r"init has shape \(1, 2\)"),
         ({"algorithm": "no such"}, "algorithm is 'no such'.*gap.*admm"),
         ({"noise": -1}, "noise is -1"),
         ({"noise": "loud"}, "noise is 'loud'"),
@@ -220,6 +296,24 @@ def test_settings_reproduce(scene):
         ({"no_option": 3}, "takes no option no_option"),
         ({"strength": -1.0}, "strength is -1"),
         ({"reference": np.ones(3)}, "reference has shape"),
+        ({"y": [[1], [1, 2]]}, "y is no array of numbers"),
+        ({"masks": [[1], [1, 2]]}, "masks is no array of numbers"),
+        ({"reference": "text"}, "reference has dtype"),
+        ({"init": [[1], [1, 2]]}, "init is no array of numbers"),
+        ({"init": dict}, "init has dtype object"),
+        ({"prior": dict}, "prior is <class 'dict'>"),
+        ({"prior": lambda x, sigma: None}, "what the prior returns has dtype object"),
+        ({"prior": lambda x, sigma: x[0]}, "what the prior returns has shape"),
+        ({"strength": "much"}, "prior 'tv' cannot be made with {'strength': 'much'}"),
+        ({"algorithm": ["gap"]}, r"algorithm is \['gap'\]"),
+        ({"scene": np.ones(3)}, "scene is array"),
+        ({"sigma": 10**400}, "sigma is 1000"),
+        ({"noise": np.complex64(1)}, "noise is"),
+        ({"tol": None}, "tol is None"),
+        ({"seed": -1}, "seed is -1"),
+        ({"callback": 3}, "callback is 3"),
+        ({"progress": np.ones(3)}, "progress is"),
+        ({"device": 3}, "device is 3"),
     ],
 )
 def test_errors_name_the_argument(scene, change, message):

@@ -8,7 +8,7 @@ from hypothesis import strategies as st
 import pnp_sci
 from pnp_sci import datasets
 from pnp_sci.arguments import make_prior
-from pnp_sci.errors import DataUnavailableError, InputError
+from pnp_sci.errors import DataUnavailableError, InputError, InputTypeError
 from pnp_sci.schedule import ENOUGH, MORE, Schedule
 from priors.assisted import FIRST, MOST, NOISY, Assisted
 from priors.tv import TV
@@ -97,6 +97,59 @@ def test_a_later_stage_begins_with_the_network():
 
 
 @pytest.mark.parametrize("name", ["ffdnet", "video"])
+def test_wild_noise_is_cut_to_the_range_that_tv_found_in_a_view(name):
+    pytest.importorskip("torch")
+    x = datasets.embedded_scene(64).truth
+    wild = x.copy()
+    wild[0, 4, 20:40, 20:40] += 10 * np.random.default_rng(0).standard_normal((20, 20), np.float32)
+    denoise, steady = make_prior(name), make_prior(name)
+    for d in (denoise, steady):
+        for _ in range(FIRST + 1):
+            d(x, 0.02)
+    out, calm = denoise(wild, 0.02), steady(x, 0.02)
+    assert np.abs(out[0]).max() < 1.2
+    np.testing.assert_allclose(out[1], calm[1], atol=1e-6)
+    np.testing.assert_array_equal(denoise(wild, 0.0), wild)
+    denoise.reset()  # a new video has a new range
+    assert np.abs(denoise(wild, 0.02)[0]).max() > 5
+
+
+def test_a_network_from_the_start_keeps_blacks_and_whites():
+    """Early estimates are nearly the mean: their range must not bind later ones."""
+    pytest.importorskip("torch")
+    scene = datasets.embedded_scene(64)
+    from_the_start, after_tv = (
+        pnp_sci.solve(scene.y, scene.masks, "ffdnet", iterations=60, first=first, scene="full", reference=scene.truth)
+        for first in (0, FIRST)
+    )
+    assert from_the_start.history[-1].psnr > after_tv.history[-1].psnr - 0.3
+    assert from_the_start.x.min() < 0.05
+
+
+@pytest.mark.parametrize("name", ["ffdnet", "video"])
+def test_another_type_begins_a_new_video_and_bad_input_is_an_error_at_once(name):
+    pytest.importorskip("torch")
+    denoise = make_prior(name, first=0)
+    x = np.random.default_rng(0).random((1, 3, 32, 32))
+    assert [denoise(x.astype(t), 0.05).dtype.name for t in ("float64", "float32")] == ["float64", "float32"]
+    for bad in (x.astype(np.uint8), x[0], x.astype(np.float16)):
+        with pytest.raises((InputError, InputTypeError), match="x "):
+            make_prior(name)(bad, 0.05)
+    with pytest.raises(InputError, match="sigma is inf"):
+        make_prior(name)(x, np.inf)
+
+
+def test_a_result_says_which_weights_made_it():
+    pytest.importorskip("torch")
+    scene = datasets.embedded_scene(32)
+    settings = pnp_sci.solve(scene.y, scene.masks, [("tv", 1), ("ffdnet", 1)]).settings
+    assert settings["weights"] == [make_prior("ffdnet").sha256]
+    assert "torch" in settings["versions"]
+    assert make_prior("video").sha256 != make_prior("video").net._runner.sha256  # the image net's are in it
+    assert pnp_sci.solve(scene.y, scene.masks, "tv", iterations=1).settings["weights"] == []
+
+
+@pytest.mark.parametrize("name", ["ffdnet", "video"])
 def test_five_hundred_iterations_are_stable(name):
     pytest.importorskip("torch")
     scene = datasets.embedded_scene(64)
@@ -104,7 +157,7 @@ def test_five_hundred_iterations_are_stable(name):
         scene.y, scene.masks, name, iterations=500, sigma=5 / 255, tol=0, scene="full", reference=scene.truth
     )
     psnr = result.history["psnr"]
-    assert psnr[-1] > psnr.max() - 0.5
+    assert psnr[psnr.argmax() :].min() > psnr.max() - 0.5
     assert psnr.argmax() > 30  # the network has gained something
 
 

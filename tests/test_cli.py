@@ -76,7 +76,7 @@ def test_help_is_quick_and_names_every_command():
     }
 
 
-@pytest.mark.parametrize("command", ["demo", "solve", "simulate", "info", "bench", "compare", "priors"])
+@pytest.mark.parametrize("command", ["demo", "solve", "simulate", "info", "bench", "recommend", "compare", "priors"])
 def test_every_option_is_explained(command):
     done = run(command, "--help")
     assert done.exit_code == 0
@@ -186,7 +186,7 @@ def test_solve_hands_on_every_option(monkeypatch, meas):
     monkeypatch.setattr(pnp_sci.api, "solve", recorded)
     arguments = (
         "--prior tv:6,wavelet:2 --algorithm admm --init zeros --effort fast --iterations 8 --noise 0.01"
-        " --time-budget 2 --seed 3"
+        " --time-budget 2 --threads 2 --seed 3"
     )
     done = run("solve", meas, *arguments.split(), "--option", "inner=5", "--option", "mode=soft")
     assert done.exit_code == 0, done.output
@@ -198,6 +198,7 @@ def test_solve_hands_on_every_option(monkeypatch, meas):
         "iterations": 8,
         "noise": 0.01,
         "time_budget": 2.0,
+        "threads": 2,
         "seed": 3,
         "device": None,
         "reference": None,
@@ -298,20 +299,40 @@ def test_priors_lists_what_is_installed_with_a_summary(monkeypatch):
 
 
 def test_bench_makes_a_table(here):
-    done = run("bench", "--iterations", 2, "--repeat", 2, "--json", "b.json", "--markdown", "b.md")
+    done = run("bench", "--iterations", 2, "--repeat", 2, "--out", "b.json", "--markdown", "b.md", "--curves", "c.svg")
     assert done.exit_code == 0, done.output
     (row,) = json.loads(Path("b.json").read_text())["rows"]
-    assert (row["case"], row["prior"], row["iterations"]) == ("embedded", "tv", 2)
+    assert (row["case"]["scene"], row["method"]["prior"], row["iterations"]) == ("embedded", "tv", 2)
     assert len(row["psnr"]) == len(row["ssim"]) == len(row["seconds"]) == 2
-    assert Path("b.md").read_text() == done.stdout
-    assert "| embedded | tv |" in done.stdout
+    assert done.stdout.startswith(Path("b.md").read_text())
+    assert "| embedded | tv, 2 iterations |" in done.stdout
+    assert "| within | PSNR (dB) | method | iterations |" in done.stdout
+    assert Path("c.svg").stat().st_size > 5000
+
+
+def test_bench_goes_on_where_it_was(here, monkeypatch):
+    row = ("bench", "--iterations", 2, "--out", "b.json")
+    assert run(*row).exit_code == 0
+    before = Path("b.json").read_text()
+    monkeypatch.setattr("pnp_sci.bench.run", lambda *_: pytest.fail("measured again"))
+    done = run(*row)
+    assert done.exit_code == 0, done.output
+    assert "| embedded | tv, 2 iterations |" in done.stdout
+    assert Path("b.json").read_text() == before
+
+
+def test_recommend(here):
+    done = run("recommend", 1e4, "--like", "2x10x64x64")
+    assert done.exit_code == 0, done.output
+    assert done.stdout.startswith("pnp_sci.solve(y, masks, prior=")
+    assert "budget_seconds is 1e-09" in fails(1, "recommend", "1e-9")
 
 
 def test_bench_goes_on_after_a_failure(here, monkeypatch):
     monkeypatch.setenv("PNP_SCI_DATA", str(here / "empty"))
     done = run("bench", "--cases", "kobe,embedded", "--iterations", 1)
     assert done.exit_code == 1
-    assert "| embedded | tv |" in done.stdout
-    assert "Error: kobe with tv: " in done.stderr
+    assert "| embedded | tv, 1 iteration |" in done.stdout
+    assert "Error: kobe with tv, 1 iteration: " in done.stderr
     assert "PNP_SCI_DATA" in done.stderr
     assert "'nowhere'" in fails(1, "bench", "--cases", "nowhere")

@@ -43,6 +43,28 @@ def test_what_the_type_cannot_hold_is_an_error(scene):
     usable(solve(y.astype(np.float64), scene.masks * np.float32(1e-3), iterations=5), scene.masks.shape)
 
 
+@pytest.mark.parametrize("sign", [1, -1])
+def test_an_estimate_beyond_its_type(sign):
+    """The largest number there is, not infinity."""
+    y = np.full((16, 16), sign * 3.4e38, np.float32)
+    result = usable(solve(y, np.ones((1, 1, 16, 16)), lambda x, sigma: 2 * x, iterations=3), (1, 1, 16, 16))
+    assert (sign * result.x).max() == np.finfo(np.float32).max
+
+
+def test_a_given_sigma_whose_rho_vanishes(scene):
+    """Pixels that no mask opens stay finite where rho is smaller than float32 can tell from 0."""
+    masks = scene.masks.copy()
+    masks[:, :, 10:14, 10:14] = 0
+    usable(solve(scene.y, masks, noise=1e-15, sigma=1e30, iterations=5), masks.shape)
+
+
+def test_masks_whose_square_is_denormal(scene):
+    masks = scene.masks.astype(np.float32)
+    masks[:, :, 10:14, 10:14] *= np.float32(1e-20)
+    y = pnp_sci.SensingOperator(masks).forward(scene.truth)
+    usable(solve(y, masks, iterations=10), masks.shape)
+
+
 def test_noise_that_is_all_there_is(scene):
     """A given noise far above y leaves a finite estimate."""
     for noise in (1e10, 1e300):

@@ -130,23 +130,3 @@ def test_any_sigma_once_motion_is_used(moving, sigma, kind):
 def test_errors_name_the_option(option):
     with pytest.raises(InputError, match=next(iter(option))):
         Flow(**option)
-
-
-def test_frames_may_have_a_denoiser_of_their_own(moving):
-    """It is asked for every call once the motion is seen, and told of a new video."""
-    asked = []
-
-    class Frames:
-        def reset(self):
-            asked.append("reset")
-
-        def __call__(self, x, sigma):
-            asked.append(sigma)
-            return x
-
-    prior = Flow(frames=Frames())
-    for _ in range(flow.FIRST + 2):
-        prior(moving, 0.05)
-    prior.reset()
-    assert [a for a in asked if a != "reset"] == [0.05, 0.05]
-    assert asked[-1] == "reset"

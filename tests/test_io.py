@@ -1,5 +1,6 @@
 import contextlib
 import os
+import zlib
 from pathlib import Path
 
 import h5py
@@ -248,6 +249,89 @@ def test_a_truncated_file_is_never_half_read(tmp_path, suffix):
         path.write_bytes(whole[: int(length)])
         with contextlib.suppress(FormatError):
             assert np.array_equal(io.read(path), array)
+
+
+@pytest.mark.parametrize("compressed", [False, True])
+@pytest.mark.parametrize("kind", [0, 8, 14, 88, 255])
+def test_a_type_that_mat_files_do_not_have(tmp_path, kind, compressed):
+    """SciPy looks it up beyond the end of a table: the process would crash."""
+    path = tmp_path / "a.mat"
+    scipy.io.savemat(path, {"y": sample((8, 9), np.float32)})
+    content = bytearray(path.read_bytes())
+    assert content[176] == 7  # of the numbers: single
+    content[176] = kind
+    if compressed:
+        packed = zlib.compress(content[128:])
+        content[128:] = np.array([15, len(packed)], "<u4").tobytes() + packed
+    path.write_bytes(content)
+    with pytest.raises(FormatError, match=rf"a\.mat.*type {kind}"):
+        io.read(path)
+
+
+def test_an_imaginary_part_that_is_not_there(tmp_path):
+    """SciPy takes the next array for it, and crashes."""
+    path = tmp_path / "a.mat"
+    scipy.io.savemat(path, {"y": sample((8, 9), np.float32), "z": sample((8, 9), np.float32)})
+    content = bytearray(path.read_bytes())
+    content[145] = 8
+    path.write_bytes(content)
+    with pytest.raises(FormatError, match="class 7 has 4 parts"):
+        io.read(path)
+
+
+def test_a_cell_array_too_large_for_its_file(tmp_path):
+    """SciPy makes room for all cells first: here for 1.5 GB."""
+    path = tmp_path / "a.mat"
+    scipy.io.savemat(path, {"c": np.array([[1, "a"]], object)})
+    content = bytearray(path.read_bytes())
+    assert content[160:168] == bytes([1, 0, 0, 0, 2, 0, 0, 0])  # rows and columns
+    content[167] = 11
+    path.write_bytes(content)
+    with pytest.raises(FormatError, match="has shape"):
+        io.read(path)
+
+
+def test_names_that_are_no_text(tmp_path):
+    with h5py.File(tmp_path / "a.h5", "w") as file:
+        file.create_dataset(b"\xff", data=sample((4, 5)))
+        file.create_dataset(b"\xfe", data=sample((4, 5)))
+    with pytest.raises(FormatError, match="name one by key"):
+        io.read(tmp_path / "a.h5")
+    assert len(io.describe(tmp_path / "a.h5")) == 2
+
+
+@pytest.mark.parametrize("target", [8, 300, 10**6])
+def test_tiff_pages_that_have_no_end(tmp_path, target):
+    """The last page points to the first, into some data, or out of the file: tifffile would read on for ever."""
+    path = tmp_path / "a.tif"
+    with tifffile.TiffWriter(path) as file:
+        for frame in sample((3, 9, 7)):
+            file.write(frame, metadata=None)
+    with tifffile.TiffFile(path) as file:
+        end = file.pages.next_page_offset
+    content = bytearray(path.read_bytes())
+    content[end : end + 4] = target.to_bytes(4, "little")
+    path.write_bytes(content)
+    with pytest.raises(FormatError, match="last page"):
+        io.read(path)
+
+
+def test_a_tiff_page_without_all_its_parts(tmp_path):
+    path = tmp_path / "a.tif"
+    tifffile.imwrite(path, sample((64, 32)), rowsperstrip=16)
+    with tifffile.TiffFile(path, mode="r+b") as file:
+        file.pages[0].tags["StripOffsets"].overwrite(file.pages[0].dataoffsets[:2])
+    with pytest.raises(FormatError, match="2 parts"):
+        io.read(path)
+
+
+@pytest.mark.parametrize("key", [3, ["y"], np.ones(3)])
+def test_keys_and_views_of_other_types(tmp_path, key):
+    io.write(tmp_path / "a.npz", {"masks": sample((2, 3, 4, 5))})
+    with pytest.raises(FormatError, match="is not in the file"):
+        io.read(tmp_path / "a.npz", key)
+    with pytest.raises(InputError, match="views is"):
+        io.read_masks(tmp_path / "a.npz", views=[key])
 
 
 @pytest.mark.parametrize("suffix", ["npy", "npz"])

@@ -5,8 +5,8 @@ import pytest
 
 import pnp_sci
 from pnp_sci import SceneModel, SensingOperator, datasets, solve
-from pnp_sci.errors import InputError
-from pnp_sci.scene import view_levels
+from pnp_sci.errors import InputError, InputTypeError
+from pnp_sci.scene import TILE, _contested_tile, view_levels
 
 
 @pytest.fixture(scope="module")
@@ -50,6 +50,44 @@ def test_a_dark_view_is_dropped(scene):
     assert pnp_sci.psnr(auto.x, truth)[0] > pnp_sci.psnr(full.x, truth)[0] + 0.5
 
 
+def test_flow_contradicts_where_tv_makes_too_little_of_a_moving_scene(monkeypatch):
+    """Through sparse masks a still model is as good as TV, but not as good as what motion tells."""
+    first = datasets.embedded_scene(64).truth[:, 0]
+    truth = np.stack([np.roll(first, (b, b // 2), (1, 2)) for b in range(10)], axis=1)
+    masks = pnp_sci.random_masks(truth.shape, 0.1)
+    y = pnp_sci.simulate(truth, masks)
+    assert not solve(y, masks, "flow", iterations=1).scene["still"]
+    moving, frozen = (solve(y, masks, "flow", scene=model) for model in ("auto", SceneModel((True, True), True)))
+    assert psnr(moving, truth) > psnr(frozen, truth)
+    monkeypatch.setattr("pnp_sci.scene.CONTRADICTED", np.inf)
+    assert solve(y, masks, "flow", iterations=1).scene["still"]
+
+
+def test_flow_agrees_where_nothing_moves(scene, still):
+    assert solve(pnp_sci.simulate(still, scene.masks), scene.masks, "flow", iterations=1).scene["still"]
+
+
+def test_models_are_compared_where_the_simple_one_is_worst_off_not_where_errors_are_largest():
+    rng = np.random.default_rng(0)
+    unseen = rng.random((256, 300)) < 0.1
+    other = unseen * rng.random(unseen.shape)
+    other[:120] *= 100  # fine texture, which both models predict badly
+    simple = 0.6 * other
+    simple[190:230, 220:270] *= 4  # something moves
+    rows, columns = _contested_tile(simple, other)
+    assert rows.stop - rows.start == columns.stop - columns.start == TILE
+    assert rows.start <= 190 < 230 <= rows.stop
+    assert columns.start <= 220 < 270 <= columns.stop
+
+
+@pytest.mark.parametrize("shape", [(1, 1), (5, 300), (47, 48), (97, 95)])
+def test_a_small_picture_is_compared_as_far_as_it_goes(shape):
+    errors = np.random.default_rng(0).random(shape)
+    for some in (errors, np.zeros(shape)):
+        part = errors[_contested_tile(some, errors[::-1])]
+        assert part.shape == tuple(min(TILE, n) for n in shape)
+
+
 def test_several_measurements_are_judged_apart(scene, still):
     y = np.stack([scene.y, pnp_sci.simulate(still, scene.masks)])
     judged = solve(y, scene.masks, iterations=2).scene["measurements"]
@@ -60,6 +98,12 @@ def test_a_model_by_hand(scene):
     result = solve(scene.y, scene.masks, scene=SceneModel((True, False)), iterations=5)
     assert not result.x[1].any()
     assert result.x[0].any()
+
+
+def test_views_are_no_indices(scene):
+    assert SceneModel((1, 0)).views == (True, False)  # type: ignore[arg-type]
+    with pytest.raises(InputTypeError, match="views is 3"):
+        SceneModel(3)  # type: ignore[arg-type]
 
 
 @pytest.mark.parametrize("bad", ["half", 3, SceneModel((True,)), SceneModel((False, False))])
@@ -77,7 +121,7 @@ def test_a_view_that_is_not_dropped_stays_in_the_still_model(monkeypatch, scene)
     """A dim second view passes for dark by its level; if y says otherwise it must not vanish by the back door."""
     truth = scene.truth * np.array([1, 0.01], np.float32)[:, None, None, None]
     y = pnp_sci.simulate(truth, scene.masks)
-    monkeypatch.setattr("pnp_sci.scene._predicts_better", lambda op, y, noise, denoiser, simple, other: simple.still)
+    monkeypatch.setattr("pnp_sci.scene._predicts_better", lambda *arguments: arguments[4].still)
     assert solve(y, scene.masks, iterations=1).scene["views"] == (True, True)
 
 

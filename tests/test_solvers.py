@@ -3,7 +3,10 @@
 import numpy as np
 import pytest
 
+import pnp_sci
 from pnp_sci import SensingOperator
+from pnp_sci.problem import level
+from pnp_sci.schedule import contrast
 from pnp_sci.solvers import ALGORITHMS, admm_step, gap_step, plain_gap_step, start
 from priors.tv import TV
 
@@ -137,3 +140,28 @@ def test_gap_and_admm_have_the_same_limit(rho):
     perturbed = gap.x + 0.02 * rng.standard_normal(x.shape)
     perturbed = perturbed if rho else op.project(perturbed, y)
     assert objective(start(op, y, perturbed)) > objective(gap)
+
+
+def test_the_contrast_of_masks():
+    """Half of 20 open is what the tolerance was made for; dense masks, and more of them, code less of y."""
+    half, dense, many = (
+        contrast(SensingOperator(pnp_sci.random_masks(shape, density)))
+        for shape, density in (((2, 10, 32, 32), 0.5), ((2, 10, 32, 32), 0.95), ((2, 60, 32, 32), 0.5))
+    )
+    assert half > 0.95
+    assert dense == pytest.approx(np.sqrt(0.05 / 0.95 / 20) / 0.22, rel=0.1)
+    assert many == pytest.approx(np.sqrt(1 / 120) / 0.22, rel=0.1)
+    for edge in (np.ones((2, 3, 4, 4)), np.zeros((2, 3, 4, 4)), np.ones((1, 1, 4, 4)), np.array([[[[1.0]], [[-1.0]]]])):
+        assert contrast(SensingOperator(edge)) == 1
+
+
+def test_the_first_estimate_reaches_pixels_that_no_mask_lets_light_to():
+    masks = pnp_sci.random_masks((2, 4, 48, 48), 0.05)
+    assert (masks.sum((0, 1)) == 0).mean() > 0.5
+    op = SensingOperator(masks)
+    estimate = level(op, op.forward(np.full(op.shape, 0.5, np.float32)))
+    assert 0.35 < estimate.min() <= estimate.max() < 0.55
+    assert not level(SensingOperator(np.zeros((1, 2, 5, 5))), np.ones((5, 5), np.float32)).any()
+    lit = masks.any((0, 1))
+    y = np.where(np.arange(48) < 24, op.forward(np.full(op.shape, 0.5, np.float32)), 0)
+    assert not level(op, y)[:, :, :, 24:][..., lit[:, 24:]].any()  # what is measured as 0 is not filled

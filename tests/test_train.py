@@ -66,6 +66,13 @@ def test_command_line_writes_weights_curves_and_card(folder, tmp_path):
     assert len(curves) == 3
 
 
+def test_without_a_scene_to_hold_out_the_curves_say_so(folder, tmp_path, monkeypatch):
+    monkeypatch.setattr(clips, "split", lambda loaded: (loaded, []))
+    progress = train(folder, tmp_path, steps=2)
+    assert np.isnan(progress.rows[-1][3:]).all()
+    assert "nan" in (tmp_path / "curves.csv").read_text()
+
+
 def test_resumed_run_equals_an_uninterrupted_one(folder, tmp_path, monkeypatch):
     train(folder, tmp_path / "whole")
 

@@ -4,6 +4,9 @@ import json
 import sys
 from dataclasses import asdict
 
+from .cases import Case
+from .methods import Method
 from .runner import measure
 
-print(json.dumps(asdict(measure(**json.loads(sys.argv[1])))))
+request = json.loads(sys.argv[1])
+print(json.dumps(asdict(measure(Case(**request["case"]), Method(**request["method"]), request["repeat"]))))

@@ -1,48 +1,115 @@
-"""The scenes to measure on, by name."""
+"""What is measured on: known scenes by name, files of measurements, both with other noise or fewer frames."""
 
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable
+from dataclasses import dataclass, replace
 from functools import partial
+from itertools import product
+from pathlib import Path
+
+import numpy as np
 
 from .. import datasets
 from ..errors import InputError
+from ..simulate import simulate
 
-_CASES: dict[str, Callable[[], datasets.Scene]] = {
+_SCENES: dict[str, Callable[[], datasets.Scene]] = {
     "embedded": datasets.embedded_scene,
     **{pair: partial(datasets.dualview, pair) for pair in datasets.DUAL_VIEW_PAIRS},
     **{name: partial(datasets.singleview, name) for name in (*datasets.SINGLE_VIEW, "kobe")},
     **{name: partial(datasets.real, name) for name in datasets.REAL},
     "wheel+hand": datasets.real_dual,
 }
-_GROUPS: dict[str, tuple[str, ...]] = {
+GROUPS: dict[str, tuple[str, ...]] = {
     "dualview": datasets.DUAL_VIEW_PAIRS,
     "singleview": (*datasets.SINGLE_VIEW, "kobe"),
     "real": (*datasets.REAL, "wheel+hand"),
 }
 
 
-def expand(names: Iterable[str]) -> list[str]:
-    """Names of cases, with groups (``dualview``, ``singleview``, ``real``) replaced by their members.
+@dataclass(frozen=True)
+class Case:
+    """A scene as it is measured.
+
+    Attributes
+    ----------
+    scene : str
+        A known scene, or a file with ``y``, ``masks`` and, if it is known, the truth ``x``, such as those of
+        ``pnp-sci simulate``.
+    noise : float, optional
+        Measure the truth anew, with noise of this standard deviation in parts of the largest value of y.
+    frames : int, optional
+        Measure anew the first so many frames of each view.
+    """
+
+    scene: str
+    noise: float | None = None
+    frames: int | None = None
+
+    @property
+    def name(self) -> str:
+        """
+        The scene, and what is not as it comes.
+
+        >>> Case("kobe").name, Case("kobe", noise=0.1, frames=6).name
+        ('kobe', 'kobe, noise 0.1, 6 frames')
+        """
+        words = [self.scene]
+        words += [f"noise {self.noise:g}"] if self.noise is not None else []
+        words += [f"{self.frames} frames"] if self.frames is not None else []
+        return ", ".join(words)
+
+    def load(self) -> datasets.Scene:
+        """The scene; as :func:`pnp_sci.datasets.fetch` where its files are not here.
+
+        Raises
+        ------
+        InputError
+            If there is no such scene, it has not so many frames, or it has no truth to be measured anew.
+        """
+        scene = _SCENES[self.scene]() if self.scene in _SCENES else _from_file(self.scene)
+        if self.noise is None and self.frames is None:
+            return scene
+        if scene.truth is None:
+            raise InputError(f"case is {self.name!r}: a scene whose truth is known was expected")
+        if self.frames is not None and not 1 <= self.frames <= scene.masks.shape[1]:
+            raise InputError(f"frames is {self.frames}, but {self.scene} has {scene.masks.shape[1]}")
+        masks, truth = scene.masks[:, : self.frames], scene.truth[..., : self.frames, :, :]
+        films = truth.reshape(-1, *masks.shape)
+        y = np.stack([simulate(film, masks, self.noise or 0.0, seed) for seed, film in enumerate(films)])
+        return replace(scene, y=y.reshape(scene.y.shape), masks=masks, truth=truth)
+
+
+def expand(
+    names: Iterable[str], noises: Iterable[float | None] = (None,), frames: Iterable[int | None] = (None,)
+) -> list[Case]:
+    """All combinations of scenes, noise and frames, each once; groups stand for their members.
 
     Raises
     ------
     InputError
-        If there is no such case or group.
+        If a name is no scene, no group (``dualview``, ``singleview``, ``real``) and no file.
 
     Examples
     --------
-    >>> expand(["embedded", "real"])
+    >>> [case.name for case in expand(["embedded", "real"])]
     ['embedded', 'wheel', 'hand', 'wheel+hand']
     """
-    members = {name: _GROUPS.get(name, (name,)) for name in names}
-    for name in members:
-        if name not in _CASES and name not in _GROUPS:
-            raise InputError(f"case is {name!r}: one of {', '.join((*_CASES, *_GROUPS))} was expected")
-    return list(dict.fromkeys(member for group in members.values() for member in group))
+    scenes: list[str] = []
+    for name in names:
+        if name not in _SCENES and name not in GROUPS and not Path(name).exists():
+            known = ", ".join((*_SCENES, *GROUPS))
+            raise InputError(f"case is {name!r}: a file, or one of these was expected: {known}")
+        scenes += GROUPS.get(name, (name,))
+    return [Case(*one) for one in dict.fromkeys(product(scenes, noises, frames))]
 
 
-def load(name: str) -> datasets.Scene:
-    """The scene of a case; as :func:`pnp_sci.datasets.fetch` where its files are not here."""
-    (name,) = expand([name])
-    return _CASES[name]()
+def _from_file(file: str) -> datasets.Scene:
+    from .. import io
+
+    if not Path(file).exists():
+        raise InputError(f"case is {file!r}: a file, or one of these was expected: {', '.join(_SCENES)}")
+    y, masks = io.read_measurement(file), io.read_masks(file)
+    has_truth = "x" in {entry.key for entry in io.describe(file)}
+    return datasets.Scene(file, y, masks, io.read_video(file, len(masks), "x") if has_truth else None, None)

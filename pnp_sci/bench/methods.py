@@ -9,6 +9,9 @@ from itertools import product
 from pathlib import Path
 from typing import Any
 
+from .. import api
+from ..result import Result
+
 
 @dataclass(frozen=True)
 class Source:
@@ -47,13 +50,15 @@ class Method:
 
     Attributes
     ----------
-    prior, init, algorithm, effort : str
+    prior : str or None
+        As for :func:`pnp_sci.solve`; with None the network that `init` names decodes alone.
+    init, algorithm, effort : str
         As for :func:`pnp_sci.solve`.
     iterations : int, optional
         At most so many; by default as `effort` says.
     """
 
-    prior: str
+    prior: str | None
     init: str = "adjoint"
     algorithm: str = "gap"
     effort: str = "balanced"
@@ -66,6 +71,8 @@ class Method:
         >>> Method("flow").name, Method("tv", init="ofanet", effort="fast").name
         ('flow', 'tv from ofanet, fast')
         """
+        if self.prior is None:
+            return f"{self.init} alone"
         usual = Method(self.prior)
         words = [self.prior if self.init == usual.init else f"{self.prior} from {self.init}"]
         words += [getattr(self, key) for key in ("algorithm", "effort") if getattr(self, key) != getattr(usual, key)]
@@ -74,17 +81,29 @@ class Method:
         return ", ".join(words)
 
     def arguments(self) -> dict[str, Any]:
-        """For :func:`pnp_sci.solve`, as keywords."""
+        """For :func:`pnp_sci.solve`, or :func:`pnp_sci.decode`, as keywords."""
+        if self.prior is None:
+            return {"model": self.init}
         return {key: value for key, value in asdict(self).items() if value is not None}
+
+    def run(self, y: Any, masks: Any, **common: Any) -> Result:
+        """What it makes of a measurement; `common` are more arguments of :func:`pnp_sci.solve`."""
+        if self.prior is None:
+            return api.decode(y, masks, **self.arguments())
+        return api.solve(y, masks, **self.arguments(), **common)
 
     def python(self, source: Source | None, **common: Any) -> str:
         """A call that does the same, with `common` among its keywords; after lines that read the source, if any."""
         read = source.python() if source else ""
+        if self.prior is None:
+            return f"{read}result = {_call('pnp_sci.decode', 'y', 'masks', **self.arguments())}"
         return f"{read}result = {_call('pnp_sci.solve', 'y', 'masks', **self.arguments(), **common)}"
 
     def command(self, source: Source | None, **common: Any) -> str | None:
-        """A command line that does the same, where the files are known."""
-        return shlex.join([*source.command(), *_options(self.arguments() | common)]) if source else None
+        """A command line that does the same, where there is one and the files are known."""
+        if source is None or self.prior is None:
+            return None
+        return shlex.join([*source.command(), *_options(self.arguments() | common)])
 
 
 def grid(
@@ -93,14 +112,16 @@ def grid(
     algorithms: Iterable[str] = ("gap",),
     efforts: Iterable[str] = ("balanced",),
     iterations: int | None = None,
+    decoders: Iterable[str] = (),
 ) -> list[Method]:
-    """All combinations, each once.
+    """All combinations of the others, each once, after the networks that decode alone.
 
     >>> [method.name for method in grid(["tv", "flow"], efforts=["fast", "balanced"])]
     ['tv, fast', 'tv', 'flow, fast', 'flow']
     """
+    alone = [Method(None, init=decoder) for decoder in decoders]
     combinations = product(priors, inits, algorithms, efforts)
-    return list(dict.fromkeys(Method(*combination, iterations) for combination in combinations))
+    return list(dict.fromkeys([*alone, *(Method(*combination, iterations) for combination in combinations)]))
 
 
 def _call(function: str, *positional: str, **keywords: Any) -> str:

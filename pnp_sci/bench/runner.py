@@ -1,4 +1,4 @@
-"""Measure one case with one prior, in a process of its own: only there does peak memory mean something."""
+"""Measure one method on one case, in a process of its own: only there does peak memory mean something."""
 
 from __future__ import annotations
 
@@ -7,16 +7,43 @@ import platform
 import subprocess
 import sys
 import time
-from collections.abc import Iterable
-from dataclasses import asdict, dataclass
+from collections.abc import Iterable, Sequence
+from dataclasses import asdict, dataclass, replace
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
 from .. import metrics
+from ..budget import calibrate
 from ..datasets import embedded_scene
 from ..errors import SolverError
+from ..result import Record, Result
+from .cases import Case
+from .methods import Method
+
+KEPT = 5  # iterations between two checkpoints, after the first ten
+
+
+@dataclass(frozen=True)
+class Checkpoint:
+    """Where a solver was on its way: means over the measurements of the case.
+
+    Attributes
+    ----------
+    iteration : int
+    seconds : float
+        For one measurement, from the call on, without loading and compiling and without the metrics.
+    psnr : float or None
+        Mean over the views; None where no truth is known.
+    residual : float
+        ``||y - Phi x|| / ||y||``
+    """
+
+    iteration: int
+    seconds: float
+    psnr: float | None
+    residual: float
 
 
 @dataclass(frozen=True)
@@ -25,88 +52,154 @@ class Row:
 
     Attributes
     ----------
-    case, prior, status : str
+    case : Case
+    method : Method
+    shape : tuple of int
+        (V, B, H, W)
+    status : str
     iterations : int
         Of the last measurement.
     psnr, ssim : tuple of float
         One value per view, mean over the measurements; empty where no truth is known.
     seconds : tuple of float
-        Of each repetition, all measurements of the case together. Loading and compiling are not in it.
+        For one measurement, of each repetition, without loading and compiling.
+    loading : float
+        Seconds by which the first call of a process is longer.
     peak_mib : float or None
-        Largest resident memory of the whole process, interpreter and libraries included; None where it is not known.
+        Largest resident memory of the whole process, interpreter, libraries and metrics included; None where it is not
+        known.
+    course : tuple of Checkpoint
+    settings : dict
+        What reproduces the result, see `Result.settings`.
+    machine : dict
+        See :func:`machine`.
     """
 
-    case: str
-    prior: str
+    case: Case
+    method: Method
+    shape: tuple[int, ...]
     status: str
     iterations: int
     psnr: tuple[float, ...]
     ssim: tuple[float, ...]
     seconds: tuple[float, ...]
+    loading: float
     peak_mib: float | None
+    course: tuple[Checkpoint, ...]
+    settings: dict[str, Any]
+    machine: dict[str, Any]
+
+    @classmethod
+    def from_dict(cls, row: dict[str, Any]) -> Row:
+        """The row that ``asdict`` made a dict of, and perhaps JSON."""
+        lists = {key: tuple(row[key]) for key in ("shape", "psnr", "ssim", "seconds")}
+        course = tuple(Checkpoint(**point) for point in row["course"])
+        return cls(**{**row, **lists, "case": Case(**row["case"]), "method": Method(**row["method"]), "course": course})
 
 
-def run(case: str, prior: str, repeat: int = 1, iterations: int | None = None) -> Row:
+def run(case: Case, method: Method, repeat: int = 1) -> Row:
     """Measure in a new process.
 
     Parameters
     ----------
-    case : str
-        See :func:`pnp_sci.bench.expand`.
-    prior : str
-        Name of an installed prior.
+    case : Case
+    method : Method
     repeat : int
         How often to measure the time, at least 1.
-    iterations : int, optional
-        Default: the solver's.
 
     Raises
     ------
     SolverError
         If the process fails; the message is its last line.
     """
-    request = json.dumps({"case": case, "prior": prior, "repeat": repeat, "iterations": iterations})
+    request = json.dumps({"case": asdict(case), "method": asdict(method), "repeat": repeat})
     done = subprocess.run([sys.executable, "-m", "pnp_sci.bench", request], capture_output=True, text=True)
     if done.returncode:
         reason = (done.stderr.strip().splitlines() or [f"exit code {done.returncode}"])[-1]
-        raise SolverError(f"{case} with {prior}: {reason}")
-    row: dict[str, Any] = json.loads(done.stdout.splitlines()[-1])
-    row.update({key: tuple(row[key]) for key in ("psnr", "ssim", "seconds")})
-    return Row(**row)
+        raise SolverError(f"{case.name} with {method.name}: {reason}")
+    return Row.from_dict(json.loads(done.stdout.splitlines()[-1]))
 
 
-def as_json(rows: Iterable[Row]) -> str:
-    """The rows, and on what they were measured."""
-    return json.dumps({"machine": machine(), "rows": [asdict(row) for row in rows]}, indent=2)
+def measure(case: Case, method: Method, repeat: int = 1) -> Row:
+    """As :func:`run`, in this process: peak memory is that of all it has done."""
+    scene = case.load()
+    count = len(scene.y) if scene.y.ndim == 3 else 1
+    small = embedded_scene(64)
+    loading = _seconds(lambda: method.run(small.y, small.masks))  # loads and compiles
+    loading -= _seconds(lambda: method.run(small.y, small.masks))
+    one = scene.y.reshape(-1, *scene.y.shape[-2:])[0]
+    brief = method if method.prior is None else replace(method, iterations=1)
+    brief.run(one, scene.masks)  # compiles what small arrays do not use
+    results = [method.run(scene.y, scene.masks, reference=scene.truth) for _ in range(repeat)]
+    seconds = tuple(result.settings["seconds"] / count for result in results)
+    peak = _peak_mib()
+    middle = results[int(np.argsort(seconds)[(repeat - 1) // 2])]
+    psnr, ssim = scores(middle.x, scene.truth)
+    return Row(
+        case, method, scene.masks.shape, middle.status.name.lower().replace("_", " "), middle.history[-1].iteration,
+        psnr, ssim, seconds, max(loading, 0.0), peak, _course(middle, count, psnr), middle.settings, machine(),
+    )  # fmt: skip
+
+
+def _course(result: Result, count: int, psnr: Sequence[float]) -> tuple[Checkpoint, ...]:
+    """Means over the measurements; what comes before and after the iterations counts as before them."""
+    films = [[record for record in result.history if record.measurement == n] for n in range(count)]
+    before = result.settings["seconds"] / count - float(np.mean([film[-1].seconds for film in films]))
+    last = max(film[-1].iteration for film in films)
+    points = []
+    for k in range(last + 1):
+        if k > 10 and k % KEPT and k != last:
+            continue
+        records: list[Record] = [film[min(k, len(film) - 1)] for film in films]
+        known = [r.psnr for r in records if r.psnr is not None]
+        quality = float(np.mean(known)) if known else float(np.mean(psnr)) if psnr else None
+        seconds, residual = (float(np.mean(values)) for values in zip(*((r.seconds, r.residual) for r in records)))
+        points.append(Checkpoint(k, before + seconds, quality, residual))
+    return tuple(points)
 
 
 def machine() -> dict[str, Any]:
-    """On what something was measured: the computer and the versions of what computed it."""
-    from importlib.metadata import version
+    """On what something was measured: the computer, how quick it is, and the versions of what computed it."""
+    from importlib.metadata import PackageNotFoundError, version
 
     import numba
 
+    versions = {}
+    for name in ("pnp-sci", "numpy", "numba", "torch"):
+        try:
+            versions[name] = version(name)
+        except PackageNotFoundError:
+            continue
     return {
-        "platform": platform.platform(),
+        "platform": f"{platform.system()} {platform.machine()}",
         "processor": platform.processor(),
         "threads": numba.get_num_threads(),
+        "calibration": calibrate(),
         "python": platform.python_version(),
-        **{name: version(name) for name in ("pnp-sci", "numpy", "numba")},
+        **versions,
+        "revision": _revision(),
     }
 
 
-def as_markdown(rows: Iterable[Row]) -> str:
-    """A table; views are parted by a slash, seconds are the median and the spread.
+def _revision() -> str | None:
+    """The commit of the sources, with a + if they have been changed since; None where they are not in a repository."""
+    try:
+        done = subprocess.run(
+            ["git", "describe", "--always", "--dirty=+"], cwd=Path(__file__).parent, capture_output=True, text=True
+        )
+    except OSError:
+        return None
+    return done.stdout.strip() or None
 
-    >>> print(as_markdown([Row("wheel", "tv", "converged", 60, (), (), (1.0, 3.0), 210.4)]).splitlines()[-1])
-    | wheel | tv | - | - | 2.00 (1.00-3.00) | 210 | 60 | converged |
-    """
-    lines = ["| case | prior | PSNR (dB) | SSIM | seconds | peak MiB | iterations | status |", "|" + " --- |" * 8]
+
+def as_markdown(rows: Iterable[Row]) -> str:
+    """A table; views are parted by a slash, seconds are the median and the spread."""
+    lines = ["| case | method | PSNR (dB) | SSIM | seconds | peak MiB | iterations | status |", "|" + " --- |" * 8]
     for row in rows:
         spread = f" ({min(row.seconds):.2f}-{max(row.seconds):.2f})" if len(row.seconds) > 1 else ""
         cells = (
-            row.case,
-            row.prior,
+            row.case.name,
+            row.method.name,
             " / ".join(f"{value:.2f}" for value in row.psnr) or "-",
             " / ".join(f"{value:.3f}" for value in row.ssim) or "-",
             f"{np.median(row.seconds):.2f}{spread}",
@@ -116,25 +209,6 @@ def as_markdown(rows: Iterable[Row]) -> str:
         )
         lines.append(f"| {' | '.join(cells)} |")
     return "\n".join(lines)
-
-
-def measure(case: str, prior: str, repeat: int, iterations: int | None) -> Row:
-    """As :func:`run`, in this process: peak memory is that of all it has done."""
-    from ..api import solve
-    from .cases import load
-
-    scene = load(case)
-    solve(scene.y, scene.masks, prior, iterations=1)  # loads the kernels
-    small = embedded_scene(64)
-    solve(small.y, small.masks, prior, iterations=45)  # ... and what has its turn later
-    seconds = []
-    for _ in range(repeat):
-        start = time.perf_counter()
-        result = solve(scene.y, scene.masks, prior, iterations=iterations)
-        seconds.append(time.perf_counter() - start)
-    peak = _peak_mib()
-    status = result.status.name.lower().replace("_", " ")
-    return Row(case, prior, status, result.history[-1].iteration, *scores(result.x, scene.truth), tuple(seconds), peak)
 
 
 def scores(x: np.ndarray, truth: np.ndarray | None) -> tuple[tuple[float, ...], tuple[float, ...]]:
@@ -151,6 +225,12 @@ def scores(x: np.ndarray, truth: np.ndarray | None) -> tuple[tuple[float, ...], 
         for metric in (metrics.psnr, metrics.ssim)
     )
     return psnr, ssim
+
+
+def _seconds(call: Any) -> float:
+    start = time.perf_counter()
+    call()
+    return time.perf_counter() - start
 
 
 def _peak_mib() -> float | None:

@@ -22,8 +22,9 @@ def gap_step(
     ``||y - Phi x||^2 / (2 rho) + prior`` in the metric of gram.)
     """
     dual = state.dual + state.residual
-    if rho > 0:
-        dual *= op.gram / (op.gram + op.dtype.type(rho))
+    leak = op.dtype.type(rho)
+    if leak > 0:
+        dual *= op.gram / (op.gram + leak)
     measured = y - state.residual
     x = denoise(op.project(state.x, measured + 2 * dual - state.dual), sigma)
     return State(state.iteration + 1, x, y - op.forward(x), dual, sigma)

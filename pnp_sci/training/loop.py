@@ -186,11 +186,11 @@ class Trainer:
         return loss.detach()
 
     def validate(self) -> list[float]:
-        """Mean scores of the averaged weights; the processes share the cases."""
+        """Mean scores of the averaged weights, NaN where there is no case; the processes share the cases."""
         total = self.task.validate(self.average.module, self.place).to(self.place.device)
         if self.place.world > 1:
             distributed.all_reduce(total)
-        return (total[:-1] / total[-1].clamp(min=1)).tolist()
+        return (total[:-1] / total[-1]).tolist()
 
     def publish(self) -> None:
         """Write checkpoint, curves, weights and card; a file is renamed to its place when it is complete."""

@@ -27,25 +27,33 @@ PATH = click.Path(path_type=Path)
     "--weights", type=PATH, help="Weights to write, the model card beside them.  [default: OUT/NAME.safetensors]"
 )
 @click.option("--minutes", default=90.0, help="Budget of time spent in training; a pause does not count.")
-@click.option("--steps", type=int, help="Budget of steps instead: the same weights on every run of one machine.")
+@click.option(
+    "--steps", type=click.IntRange(min=1), help="Budget of steps instead: the same weights on every run of one machine."
+)
 @click.option("--seed", default=0, help="Seed of weights, crops and noise.")
 @click.option("--rate", default=1e-3, help="Highest learning rate.")
-@click.option("--crop", type=int, help="Height and width of a sample in pixels.  [default: 96 of clips, 64 of images]")
-@click.option("--batch", type=int, help="Samples a step and process.  [default: 1 clip or 16 images]")
+@click.option(
+    "--crop",
+    type=click.IntRange(min=8),
+    help="Height and width of a sample in pixels.  [default: 96 of clips, 64 of images]",
+)
+@click.option("--batch", type=click.IntRange(min=1), help="Samples a step and process.  [default: 1 clip or 16 images]")
 @click.option("--resume", is_flag=True, help="Continue from the checkpoint in the output folder.")
 def main(name, data, out, weights, minutes, steps, seed, rate, crop, batch, resume):
     """Train the prior NAME on a folder of videos; for the image net, of photographs too.
 
-    The video net starts from the image net of this package, which cleans the frames that it sees: train that first.
+    The video net starts from the image net of this package, which cleans the frames that it sees: to train both, train
+    that first, with --weights priors/weights/ffdnet.safetensors.
     Checkpoint, curves (CSV), weights and model card are renewed twenty times on the way. Works under torchrun.
     """
     out = out or Path("runs") / name
-    asked = {"crop": crop, "batch": batch}
+    asked = {key: value for key, value in (("crop", crop), ("batch", batch)) if value is not None}
     budget = Budget(out, minutes, steps, seed, rate)
-    sample = replace(SAMPLES[name], **{key: value for key, value in asked.items() if value is not None})
+    sample = replace(SAMPLES[name], **asked)
     folders = " ".join(f"--data {folder.name}" for folder in data)
     spent = f"--minutes {minutes:g}" if steps is None else f"--steps {steps}"
-    command = f"python -m priors.train {name} {folders} {spent} --seed {seed} --rate {rate:g}"
+    size = "".join(f" --{key} {value}" for key, value in asked.items())
+    command = f"python -m priors.train {name} {folders} {spent} --seed {seed} --rate {rate:g}{size}"
 
     def run() -> None:
         numba.set_num_threads(min(torch.get_num_threads(), numba.get_num_threads()))  # as torchrun shares them

@@ -1,0 +1,58 @@
+"""Are still scenes told from moving ones? Clips of the validation as they are, and with their first frame repeated.
+
+For kinds of scenes, how many still ones are found, and which moving ones are taken for still: the PSNR that this gains
+(+) or loses (-) against the full model.
+
+PNP_SCI_DATA=... python benchmarks/still_or_moving.py
+"""
+
+import os
+from pathlib import Path
+
+import numpy as np
+
+import pnp_sci
+from pnp_sci import SceneModel
+from pnp_sci.training.clips import load_clips, split
+
+KINDS = (  # views, frames, pixels a side, density of the masks, noise in parts of max(y)
+    (2, 10, 256, 0.5, 0), (1, 8, 256, 0.5, 0), (2, 10, 128, 0.5, 0), (1, 8, 128, 0.5, 0), (2, 10, 128, 0.1, 0),
+    (1, 24, 128, 0.5, 0), (2, 20, 128, 0.5, 0), (3, 10, 128, 0.5, 0), (2, 10, 64, 0.5, 0), (2, 10, 128, 0.5, 0.01),
+    (1, 8, 128, 0.5, 0.02), (2, 10, 256, 0.5, 0.03),
+)  # fmt: skip
+PRIORS = ("tv", "flow")
+
+
+def scenes(clips, views, frames, size):
+    """Truths (V, B, H, W) of a clip and those that follow it, their middle."""
+    long = [clip.frames for clip in clips if len(clip.frames) >= frames and min(clip.frames.shape[1:]) >= size]
+    for n in range(len(long)):
+        parts = (long[(n + v) % len(long)][:frames] for v in range(views))
+        corners = ((p, (p.shape[1] - size) // 2, (p.shape[2] - size) // 2) for p in parts)
+        yield np.stack([p[:, t : t + size, l : l + size] for p, t, l in corners]).astype(np.float32) / 255
+
+
+def main():
+    _, clips = split(load_clips([Path(os.environ["PNP_SCI_DATA"]) / "train_video"]))
+    for views, frames, size, density, noise in KINDS:
+        masks = pnp_sci.random_masks((views, frames, size, size), density, seed=1)
+        truths = list(scenes(clips, views, frames, size))
+        report = []
+        for prior in PRIORS:
+            found, gains = 0, []
+            for truth in truths:
+                frozen = np.repeat(truth[:, :1], frames, axis=1)
+                y = pnp_sci.simulate(frozen, masks, noise=noise)
+                found += pnp_sci.solve(y, masks, prior, iterations=1).scene["still"]
+                y = pnp_sci.simulate(truth, masks, noise=noise)
+                if pnp_sci.solve(y, masks, prior, iterations=1).scene["still"]:
+                    models = (SceneModel((True,) * views, still=True), "full")
+                    results = [pnp_sci.solve(y, masks, prior, scene=model) for model in models]
+                    gains.append(float(np.diff([np.mean(pnp_sci.psnr(r.x, truth)) for r in reversed(results)])[0]))
+            wrong = ", ".join(f"{gain:+.1f}" for gain in sorted(gains)) or "none"
+            report.append(f"{prior}: {found} of {len(truths)} still ones found, moving ones taken for still: {wrong}")
+        print(f"{views} x {frames}, {size}, {density}, {noise}: {'; '.join(report)}", flush=True)
+
+
+if __name__ == "__main__":
+    main()

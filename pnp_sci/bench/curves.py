@@ -1,0 +1,75 @@
+"""Anytime curves: PSNR against seconds while the iterations go on, and the front that no method beats."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import asdict
+from pathlib import Path
+
+from ..budget import Moment, course
+from ..errors import InputError
+from ..io import _replacing
+from .methods import Method
+from .runner import Row
+
+
+def curves(rows: Sequence[Row]) -> dict[Method, list[Moment]]:
+    """For each method its mean course over the cases; methods that were not measured on all of them are left out.
+
+    Raises
+    ------
+    InputError
+        If no row has a truth.
+    """
+    known = [row for row in rows if row.psnr]
+    cases = {row.case for row in known}
+    by_method: dict[Method, list[Row]] = {}
+    for row in known:
+        by_method.setdefault(row.method, []).append(row)
+    complete = {method: own for method, own in by_method.items() if {row.case for row in own} == cases}
+    if not complete:
+        raise InputError("rows have no method that was scored on all cases: one at least was expected")
+    return {method: course([asdict(row) for row in own], [1.0] * len(own)) for method, own in complete.items()}
+
+
+def front(all_curves: dict[Method, list[Moment]]) -> list[tuple[Moment, Method]]:
+    """What is best after how many seconds: the moments, in order, each better than all that come before it."""
+    best: list[tuple[Moment, Method]] = []
+    moments = ((moment, method) for method, own in all_curves.items() for moment in own)
+    for moment, method in sorted(moments, key=lambda pair: (pair[0].seconds, -pair[0].psnr)):
+        if not best or moment.psnr > best[-1][0].psnr:
+            best.append((moment, method))
+    return best
+
+
+def draw(path: str | Path, all_curves: dict[Method, list[Moment]]) -> None:
+    """Write the curves and their front as a picture, in the format of the path's suffix (.svg, .png, .pdf)."""
+    from matplotlib.figure import Figure
+
+    figure = Figure(figsize=(8, 5), layout="constrained")
+    axes = figure.subplots()
+    for method, own in all_curves.items():
+        axes.plot(
+            [m.seconds for m in own], [m.psnr for m in own], label=method.name, marker="o" if len(own) == 1 else None
+        )
+    best = [moment for moment, _ in front(all_curves)]
+    axes.step(
+        [m.seconds for m in best], [m.psnr for m in best], where="post", color="0.8", linewidth=6, zorder=0,
+        label="the best there is by then",
+    )  # fmt: skip
+    axes.set(xscale="log", xlabel="seconds a measurement", ylabel="PSNR (dB), mean over the cases")
+    axes.grid(color="0.9")
+    axes.legend(frameon=False)
+    with _replacing(Path(path)) as temporary:
+        figure.savefig(temporary)
+
+
+def front_table(all_curves: dict[Method, list[Moment]], seconds: Sequence[float] = (0.1, 0.3, 1, 3, 5, 10, 30)) -> str:
+    """The best by then, as Markdown."""
+    best = front(all_curves)
+    lines = ["| within | PSNR (dB) | method | iterations |", "|" + " --- |" * 4]
+    for limit in seconds:
+        if within := [(moment, method) for moment, method in best if moment.seconds <= limit]:
+            moment, method = within[-1]
+            lines.append(f"| {limit:g} s | {moment.psnr:.2f} | {method.name} | {moment.iteration or '-'} |")
+    return "\n".join(lines)

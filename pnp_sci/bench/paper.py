@@ -1,0 +1,210 @@
+"""The tables of the OFaNet paper with ours beside them, as Markdown."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import replace
+from itertools import product
+from pathlib import Path
+
+import numpy as np
+
+from ..datasets import DUAL_VIEW_PAIRS, SINGLE_VIEW
+from ..errors import DataUnavailableError
+from ..io import _replacing
+from .cases import Case
+from .methods import Method
+from .published import ABLATION, AVERAGE, DUAL_VIEW, FRAMES, NOISE, Table
+from .published import SINGLE_VIEW as SINGLE
+from .runner import Row
+
+OURS = (
+    Method("tv"),
+    Method("flow"),
+    Method("tv+ffdnet"),
+    Method("video"),
+    Method("auto"),
+    Method("auto", effort="best"),
+    Method(None, init="ofanet-fast"),
+)
+NETWORK = OURS[-1]  # of two views of ten frames, and not trained on noise
+WITH_NOISE = tuple(m for m in OURS if m.prior in ("tv", "flow", "auto"))  # all would take half an hour more
+WARM = tuple(Method(prior, init=init) for prior in ("tv", "flow", "video") for init in ("adjoint", NETWORK.init))
+AFTER = (5, 10, 20, 50)  # iterations that the table of warm starts shows
+AS_GOOD = 0.05  # dB below the end of the cold start
+NOISES = (0.01, 0.05, 0.1, 0.2)
+ONE_VIEW = (*SINGLE_VIEW, "kobe")
+OTHERS = "Ours are averages over the videos of the pairs that are at hand, {here}; the paper's over all twelve.\n"
+LEGEND = """\
+PSNR in dB / SSIM, and seconds for one measurement.
+Plain columns: the OFaNet paper (arXiv:2109.05287, {source}), on hardware of its own, the networks on a large GPU.
+**Bold columns: pnp-sci**, measured with its defaults on two CPU cores by `pnp-sci bench --paper`.
+A dash: not measured, since the scene or the weights are not at hand.
+"""
+WARM_START = """\
+# Warm starts
+
+Mean PSNR in dB over the videos of {pairs}, two CPU cores, by `pnp-sci bench --paper`.
+"As good": within {under} dB of where the solver ends from `adjoint`, mean of the pairs; "never" if one of them is not.
+
+"""
+Measured = dict[tuple[Case, Method], Row]
+Scores = tuple[float, float]
+Columns = dict[Method, dict[str | float, Scores]]
+
+
+def plan() -> list[tuple[Case, Method]]:
+    """Every case and method that the tables need, of the scenes that are at hand."""
+    pairs, singles = (list(filter(_is_at_hand, names)) for names in (DUAL_VIEW_PAIRS, ONE_VIEW))
+    solvers = [method for method in OURS if method is not NETWORK]
+    cases = [(Case(pair), method) for method in dict.fromkeys((*OURS, *WARM)) for pair in pairs]
+    cases += [(Case(name), method) for method in solvers for name in singles]
+    cases += [(Case(pair, frames=6), method) for method in solvers for pair in pairs]
+    return cases + [(Case(pair, noise=noise), method) for noise in NOISES for method in WITH_NOISE for pair in pairs]
+
+
+def _is_at_hand(scene: str) -> bool:
+    try:
+        Case(scene).load()
+    except DataUnavailableError:
+        return False
+    return True
+
+
+def write(folder: Path, rows: Sequence[Row]) -> list[Path]:
+    """One Markdown file a table; what is not among the rows shows as a dash."""
+    folder.mkdir(parents=True, exist_ok=True)
+    measured = {(row.case, row.method): row for row in rows}
+    pages = {"dual-view": dual_view, "frames": frames, "noise": noise, "single-view": single_view, "ablation": ablation}
+    pages["warm-start"] = warm_start
+    paths = []
+    for name, page in pages.items():
+        paths.append(folder / f"{name}.md")
+        with _replacing(paths[-1]) as temporary:
+            temporary.write_text(page(measured), encoding="utf-8")
+    return paths
+
+
+def dual_view(measured: Measured) -> str:
+    """Table 2: each video, then the averages over those that are at hand."""
+    columns = {method: _by_video(measured, DUAL_VIEW_PAIRS, method) for method in OURS}
+    seconds = {method: _seconds(measured, DUAL_VIEW_PAIRS, method) for method in OURS}
+    return _page(DUAL_VIEW, columns, seconds, "video")
+
+
+def single_view(measured: Measured) -> str:
+    """Table 6."""
+    solvers = [method for method in OURS if method is not NETWORK]
+    columns: Columns = {method: {} for method in solvers}
+    for name, method in product(ONE_VIEW, solvers):
+        if row := measured.get((Case(name), method)):
+            columns[method][name] = _scores(row)
+    return _page(SINGLE, columns, {method: _seconds(measured, ONE_VIEW, method) for method in solvers}, "video")
+
+
+def frames(measured: Measured) -> str:
+    """Table 4: averages; the paper's are over twelve videos, ours over the six that are at hand."""
+    solvers = [method for method in OURS if method is not NETWORK]
+    columns = {m: _known({6.0: _mean(measured, m, frames=6), 10.0: _mean(measured, m)}) for m in solvers}
+    return _page(FRAMES, columns, {}, "frames", OTHERS.format(here=", ".join(_pairs(measured))))
+
+
+def noise(measured: Measured) -> str:
+    """Table 5: averages, as in :func:`frames`."""
+    columns = {m: _known({n: _mean(measured, m, noise=n or None) for n in (0.0, *NOISES)}) for m in WITH_NOISE}
+    return _page(NOISE, columns, {}, "noise", OTHERS.format(here=", ".join(_pairs(measured))))
+
+
+def ablation(measured: Measured) -> str:
+    """Table 3: of ours there are weights for DA&DNS ("w/o RN") only."""
+    columns = {NETWORK: _by_video(measured, DUAL_VIEW_PAIRS, NETWORK)}
+    return _page(ABLATION, columns, {NETWORK: _seconds(measured, DUAL_VIEW_PAIRS, NETWORK)}, "video")
+
+
+def warm_start(measured: Measured) -> str:
+    """No table of the paper: what the network's videos are worth as the first estimate of a solver."""
+    heads = ["prior, first estimate", *(f"after {n}" for n in AFTER), "end", "seconds", "as good after"]
+    lines = [f"| {' | '.join(heads)} |", "|" + " --- |" * len(heads)]
+    pairs = _pairs(measured)
+    for method in WARM:
+        rows = [measured.get((Case(pair), method)) for pair in pairs]
+        cold = [measured.get((Case(pair), replace(method, init="adjoint"))) for pair in pairs]
+        known = [(row, other) for row, other in zip(rows, cold) if row and other]
+        cells = ["-"] * (len(heads) - 1)
+        if known and len(known) == len(rows):
+            values = np.mean([[*(_after(row, n) for n in AFTER), np.mean(row.psnr)] for row, _ in known], 0)
+            seconds = np.mean([[row.course[-1].seconds, _as_good(row, other)] for row, other in known], 0)
+            cells = [f"{v:.2f}" for v in values] + [f"{s:.3g} s" if np.isfinite(s) else "never" for s in seconds]
+        lines.append(f"| `{method.prior}` from `{method.init}` | {' | '.join(cells)} |")
+    return WARM_START.format(pairs=", ".join(pairs), under=AS_GOOD) + "\n".join(lines) + "\n"
+
+
+def _after(row: Row, iterations: int) -> float:
+    """PSNR after so many iterations, or at the end if there were fewer."""
+    return next(p.psnr for p in reversed(row.course) if p.iteration <= iterations)  # type: ignore[return-value]
+
+
+def _as_good(row: Row, cold: Row) -> float:
+    """Seconds until a row comes near the end of a cold start."""
+    goal = float(np.mean(cold.psnr)) - AS_GOOD
+    return next((point.seconds for point in row.course if point.psnr is not None and point.psnr >= goal), np.inf)
+
+
+def _scores(row: Row) -> Scores:
+    return float(np.mean(row.psnr)), float(np.mean(row.ssim))
+
+
+def _by_video(measured: Measured, pairs: Sequence[str], method: Method) -> dict[str | float, Scores]:
+    videos: dict[str | float, Scores] = {}
+    for pair in pairs:
+        if row := measured.get((Case(pair), method)):
+            videos |= {video: (psnr, ssim) for video, psnr, ssim in zip(pair.split("_"), row.psnr, row.ssim)}
+    return videos
+
+
+def _known(cells: dict[float, Scores | None]) -> dict[str | float, Scores]:
+    return {row: scores for row, scores in cells.items() if scores is not None}
+
+
+def _mean(measured: Measured, method: Method, noise: float | None = None, frames: int | None = None) -> Scores | None:
+    """Over the pairs that are at hand, if all were measured."""
+    rows = [measured.get((Case(pair, noise, frames), method)) for pair in _pairs(measured)]
+    known = [_scores(row) for row in rows if row is not None]
+    return _average(known) if known and len(known) == len(rows) else None
+
+
+def _pairs(measured: Measured) -> list[str]:
+    """Those at hand: of the others there is no row."""
+    return [pair for pair in DUAL_VIEW_PAIRS if any(case.scene == pair for case, _ in measured)]
+
+
+def _average(scores: Sequence[Sequence[float]]) -> Scores:
+    psnr, ssim = np.mean(scores, axis=0)
+    return float(psnr), float(ssim)
+
+
+def _seconds(measured: Measured, names: Sequence[str], method: Method) -> float | None:
+    rows = [measured[Case(name), method] for name in names if (Case(name), method) in measured]
+    return float(np.median([np.median(row.seconds) for row in rows])) if rows else None
+
+
+def _page(table: Table, columns: Columns, seconds: dict[Method, float | None], first: str, remark: str = "") -> str:
+    """The paper's columns, then ours with heads in bold; last, averages over the videos that are at hand."""
+    heads = [*table.columns, *(f"**{method.name}**" for method in columns)]
+    lines = [f"| {first} | {' | '.join(heads)} |", "|" + " --- |" * (len(heads) + 1)]
+    for row in table.rows:
+        label = "average, all of the paper's" if row == AVERAGE else f"{row:g}" if isinstance(row, float) else row
+        lines.append(_line(label, [*table.values[row].values(), *(own.get(row) for own in columns.values())]))
+    if AVERAGE in table.rows:
+        if here := [row for row in table.rows if any(row in own for own in columns.values())]:
+            theirs = [_average([table.values[row][name][:2] for row in here]) for name in table.columns]
+            ours = [_average([own[r] for r in here]) if own.keys() >= set(here) else None for own in columns.values()]
+            lines.append(_line(f"average of {', '.join(map(str, here))}", [*theirs, *ours]))
+        times = [*(table.values[AVERAGE][name].seconds for name in table.columns), *map(seconds.get, columns)]
+        lines.append(f"| seconds | {' | '.join('-' if s is None else f'{s:.3g}' for s in times)} |")
+    return f"# {table.title}\n\n{LEGEND.format(source=table.source)}{remark}\n" + "\n".join(lines) + "\n"
+
+
+def _line(label: object, cells: Sequence) -> str:
+    texts = ["-" if cell is None else f"{cell[0]:.2f} / {cell[1]:.2f}" for cell in cells]
+    return f"| {label} | {' | '.join(texts)} |"

@@ -1,0 +1,69 @@
+"""Rows kept in a file from one run of the bench to the next, and as a table for other software."""
+
+from __future__ import annotations
+
+import csv
+import json
+from dataclasses import asdict
+from pathlib import Path
+
+from ..errors import FormatError
+from ..io import _replacing
+from .cases import Case
+from .methods import Method
+from .runner import Row
+
+COLUMNS = ("case", "noise", "frames", "prior", "init", "algorithm", "effort", "limit")  # then a checkpoint's own
+
+
+class Results:
+    """Rows in a JSON file, written anew after each, so that a run that is killed goes on where it was.
+
+    Beside ``results.json`` there is always ``results.csv``, with a line for each case, method and checkpoint.
+
+    Parameters
+    ----------
+    path : path
+        Of the JSON file; what is in it is read.
+
+    Raises
+    ------
+    FormatError
+        If the file holds something else.
+    """
+
+    def __init__(self, path: str | Path):
+        self.path = Path(path)
+        self.rows: list[Row] = read(self.path) if self.path.exists() else []
+
+    def find(self, case: Case, method: Method) -> Row | None:
+        """The row of this case and method, if it is there."""
+        return next((row for row in self.rows if (row.case, row.method) == (case, method)), None)
+
+    def add(self, row: Row) -> None:
+        """Keep a row, in both files; one of the same case and method gives way."""
+        self.rows = [r for r in self.rows if (r.case, r.method) != (row.case, row.method)] + [row]
+        lines = ",\n".join(json.dumps(asdict(row)) for row in self.rows)
+        with _replacing(self.path) as temporary:
+            temporary.write_text(f'{{"rows": [\n{lines}\n]}}\n', encoding="utf-8")
+        with _replacing(self.path.with_suffix(".csv")) as temporary:
+            self._tabulate(temporary)
+
+    def _tabulate(self, path: Path) -> None:
+        with path.open("w", newline="", encoding="utf-8") as file:
+            table = csv.writer(file)
+            table.writerow([*COLUMNS, "iteration", "seconds", "psnr", "residual", "ssim", "peak_mib", "status"])
+            for row in self.rows:
+                what = (*asdict(row.case).values(), *asdict(row.method).values())
+                ssim = sum(row.ssim) / len(row.ssim) if row.ssim else None
+                for point in row.course:
+                    of_all = (ssim, row.peak_mib, row.status) if point is row.course[-1] else (None,) * 3
+                    table.writerow([*what, *asdict(point).values(), *of_all])
+
+
+def read(path: str | Path) -> list[Row]:
+    """The rows of a file of :class:`Results`; FormatError if it is another."""
+    try:
+        return [Row.from_dict(row) for row in json.loads(Path(path).read_text(encoding="utf-8"))["rows"]]
+    except (ValueError, KeyError, TypeError) as error:
+        raise FormatError(f"{path} holds no results of `pnp-sci bench`: {error!r}") from error

@@ -1,0 +1,219 @@
+"""Which method is worth the seconds there are: from curves of quality against time that were measured before."""
+
+from __future__ import annotations
+
+import itertools
+import json
+import sys
+import time
+from collections.abc import Iterable, Iterator, Sequence
+from dataclasses import dataclass
+from functools import cache
+from importlib.util import find_spec
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from . import registry
+from .errors import FormatError, InputError
+from .loop import iterate
+from .operator import SensingOperator
+
+MEASURED = Path(__file__).parent / "measured.json"  # made by `pnp-sci bench`; see docs/speed.md
+LEARNED = ("torch", "safetensors")  # what the networks need
+CLASSICAL = ("tv", "wavelet", "flow", "none")
+USUAL = {"init": "adjoint", "algorithm": "gap", "effort": "balanced"}  # of `solve`, left out of a recommendation
+PLAIN = {"prior", "iterations"}
+
+
+@dataclass(frozen=True)
+class Recommendation:
+    """What :func:`recommend` advises.
+
+    Attributes
+    ----------
+    arguments : dict
+        For :func:`pnp_sci.solve`, or with ``model`` for :func:`pnp_sci.decode`.
+    seconds : float
+        What a measurement will take on this machine, by estimate.
+    psnr : float
+        In dB, the mean over the cases it was measured on.
+    cases : tuple of str
+        Those cases.
+    """
+
+    arguments: dict[str, Any]
+    seconds: float
+    psnr: float
+    cases: tuple[str, ...]
+
+    @property
+    def python(self) -> str:
+        """The call, as text."""
+        function = "decode" if "model" in self.arguments else "solve"
+        words = ", ".join(f"{key}={value!r}" for key, value in self.arguments.items())
+        return f"pnp_sci.{function}(y, masks, {words})"
+
+
+def recommend(
+    budget_seconds: float,
+    like: str | Sequence[int] = "dualview",
+    results: str | Path | None = None,
+    *,
+    loading: bool = False,
+) -> Recommendation:
+    """The method with the best PSNR among those that were done by then, where they were measured.
+
+    Methods that need PyTorch count only where it is installed.
+
+    Parameters
+    ----------
+    budget_seconds : float
+        For one measurement.
+    like : str or (V, B, H, W)
+        A measured scene, a group ("dualview", "singleview"), or the size of your videos: then the cases with as many
+        views serve, with seconds in proportion to the number of values.
+    results : path, optional
+        Of a file written by ``pnp-sci bench --out``; by default the measurements that come with the package.
+    loading : bool
+        Whether the budget must also cover what a new process loads first.
+
+    Returns
+    -------
+    Recommendation
+        Its ``arguments`` go to :func:`pnp_sci.solve`. Seconds are scaled to this machine by timing a few iterations.
+
+    Raises
+    ------
+    InputError
+        If the budget is not above 0 or less than the quickest method needs, or nothing `like` it was measured.
+    FormatError
+        If the file holds no results.
+
+    Examples
+    --------
+    >>> advice = recommend(2.0, like=(2, 10, 128, 128))
+    >>> advice.seconds <= 2.0
+    True
+    """
+    if not isinstance(budget_seconds, (int, float)) or not budget_seconds > 0:
+        raise InputError(f"budget_seconds is {budget_seconds!r}: a number > 0 was expected")
+    options = list(_options(str(results or MEASURED), like, loading))
+    if not options:
+        raise InputError(f"like is {like!r}: a scene, a group or a size that was measured with truth was expected")
+    within = [option for option in options if option.seconds <= budget_seconds]
+    if not within:
+        quickest = min(option.seconds for option in options)
+        raise InputError(f"budget_seconds is {budget_seconds}: the quickest method needs {quickest:.3g}")
+    return max(within, key=lambda option: (option.psnr, -option.seconds))
+
+
+def prior_within(budget_seconds: float, shape: Sequence[int]) -> str:
+    """The prior that has the best estimate from a plain start by then, "tv" if none has any."""
+    begin = time.perf_counter()
+    calibrate()
+    budget_seconds -= time.perf_counter() - begin
+    options = [
+        option
+        for option in _options(str(MEASURED), shape, loading=True)
+        if option.arguments.keys() == PLAIN and option.arguments["prior"] != "auto"  # which is to be found out
+    ]
+    within = [option for option in options if option.seconds <= budget_seconds]
+    return max(within, key=lambda option: option.psnr).arguments["prior"] if within else "tv"
+
+
+@dataclass(frozen=True)
+class Moment:
+    """What a method has reached, in the mean over cases: at which iteration, after how many seconds, what PSNR."""
+
+    iteration: int
+    seconds: float
+    psnr: float
+
+
+def course(rows: Sequence[dict[str, Any]], scales: Iterable[float]) -> list[Moment]:
+    """The curve of one method over its cases, times each case's scale; a run that has stopped stays what it is."""
+    moments, scales = [], list(scales)
+    for iteration in sorted({point["iteration"] for row in rows for point in row["course"]}):
+        reached = [[p for p in row["course"] if p["iteration"] <= iteration][-1] for row in rows]
+        seconds = float(np.mean([p["seconds"] * scale for p, scale in zip(reached, scales)]))
+        moments.append(Moment(iteration, seconds, float(np.mean([p["psnr"] for p in reached]))))
+    return moments
+
+
+def _options(results: str, like: str | Sequence[int], loading: bool) -> Iterator[Recommendation]:
+    """Every method at every checkpoint, on this machine."""
+    rows = [row for row in _read(results) if _is_like(row, like) and _serves(row, like)]
+    key = lambda row: json.dumps(row["method"])  # noqa: E731
+    groups = [list(group) for _, group in itertools.groupby(sorted(rows, key=key), key)]
+    most = max(map(len, groups), default=0)
+    networks = all(map(find_spec, LEARNED))
+    for group in groups:
+        if len(group) < most:  # a mean over other cases does not compare
+            continue
+        if _is_learned(group[0]["method"]) and not networks:
+            continue
+        method, cases = group[0]["method"], tuple(row["case"]["scene"] for row in group)
+        speeds = np.array([calibrate() / row["machine"]["calibration"] for row in group])
+        sizes = 1.0 if isinstance(like, str) else np.prod(like) / np.array([np.prod(row["shape"]) for row in group])
+        wait = float(np.mean(speeds * [row["loading"] for row in group])) if loading and _must_load(method) else 0.0
+        for moment in course(group, speeds * sizes):
+            if method["prior"] is None:
+                arguments = {"model": method["init"]}
+            else:
+                arguments = {k: v for k, v in method.items() if v != USUAL.get(k)} | {"iterations": moment.iteration}
+            if moment.iteration or method["prior"] is None:
+                yield Recommendation(arguments, moment.seconds + wait, moment.psnr, cases)
+
+
+def _serves(row: dict[str, Any], like: str | Sequence[int]) -> bool:
+    """Whether videos of this size can be had so: a network is for as many views and frames as it was measured with."""
+    return isinstance(like, str) or row["method"]["init"] == "adjoint" or row["shape"][:2] == list(like[:2])
+
+
+def _must_load(method: dict[str, Any]) -> bool:
+    """Whether a library of networks comes first: the kernels of the other priors are there in no time."""
+    return LEARNED[0] not in sys.modules and _is_learned(method)
+
+
+def _is_learned(method: dict[str, Any]) -> bool:
+    return method["prior"] not in CLASSICAL or method["init"] != "adjoint"
+
+
+def _is_like(row: dict[str, Any], like: str | Sequence[int]) -> bool:
+    known = all(point["psnr"] is not None for point in row["course"])
+    clean = row["case"]["noise"] is None and row["case"]["frames"] is None
+    if isinstance(like, str):
+        groups = {"dualview": row["shape"][0] == 2, "singleview": row["shape"][0] == 1}
+        return known and clean and (row["case"]["scene"] == like or groups.get(like, False))
+    return known and clean and (row["shape"][0] == 1) == (like[0] == 1)
+
+
+@cache
+def _read(path: str) -> list[dict[str, Any]]:
+    try:
+        return json.loads(Path(path).read_text(encoding="utf-8"))["rows"]
+    except (ValueError, KeyError, TypeError) as error:
+        raise FormatError(f"{path} holds no results of `pnp-sci bench`: {error!r}") from error
+
+
+@cache
+def calibrate() -> float:
+    """Seconds that ten iterations with TV take here on 2 x 10 frames of 128 x 128, the least of twenty.
+
+    Others on the machine make a lap take up to twice as long.
+    """
+    rng = np.random.default_rng(0)
+    op = SensingOperator(rng.random((2, 10, 128, 128)) < 0.5)
+    x, tv = np.full(op.shape, 0.5, np.float32), registry.load("priors", "tv")
+    y = op.forward(x)
+
+    def lap() -> float:
+        begin = time.perf_counter()
+        for _ in itertools.islice(iterate(op, y, tv(), x), 11):
+            pass
+        return time.perf_counter() - begin
+
+    lap()  # compiles
+    return min(lap() for _ in range(20))

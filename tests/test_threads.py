@@ -1,0 +1,54 @@
+"""Threads: held to a number while something is computed, and as before afterwards."""
+
+import numba
+import numpy as np
+import pytest
+from threadpoolctl import threadpool_info
+
+import pnp_sci
+from pnp_sci import datasets
+from pnp_sci.errors import InputError
+from pnp_sci.threads import limited
+
+
+def test_all_are_limited_and_as_before_afterwards():
+    before, pools = numba.get_num_threads(), threadpool_info()
+    with limited(1):
+        assert numba.get_num_threads() == 1
+        assert {pool["num_threads"] for pool in threadpool_info()} <= {1}
+    with limited(10_000):  # more than there are
+        assert numba.get_num_threads() == before
+    with pytest.raises(ZeroDivisionError), limited(1):
+        _ = 1 / 0
+    assert (numba.get_num_threads(), threadpool_info()) == (before, pools)
+
+
+def test_networks_and_flow_take_no_more_than_the_kernels():
+    torch = pytest.importorskip("torch")
+    seen = []
+
+    class Look(torch.nn.Module):
+        def forward(self, x, sigma):
+            seen.append((torch.get_num_threads(), numba.get_num_threads()))
+            return x
+
+    before = torch.get_num_threads()
+    scene = datasets.embedded_scene(32)
+    one = pnp_sci.solve(scene.y, scene.masks, Look(), iterations=1, threads=1)
+    assert seen == [(1, 1)]
+    assert torch.get_num_threads() == before
+    assert one.settings["threads"] == 1
+
+
+@pytest.mark.parametrize("prior", ["tv", "flow"])
+def test_the_result_does_not_depend_on_threads(prior):
+    scene = datasets.embedded_scene(64)
+    one, all_of_them = (pnp_sci.solve(scene.y, scene.masks, prior, iterations=25, threads=n).x for n in (1, None))
+    np.testing.assert_allclose(one, all_of_them, atol=1e-4)
+
+
+@pytest.mark.parametrize("threads", [0, -1, 1.5, "two"])
+def test_bad_numbers_are_named(threads):
+    scene = datasets.embedded_scene(16)
+    with pytest.raises(InputError, match="threads is"):
+        pnp_sci.solve(scene.y, scene.masks, threads=threads)
