@@ -22,6 +22,7 @@ from .result import Record as Record
 from .result import Result as Result
 from .result import Status as Status
 from .scene import SceneModel as SceneModel
+from .sensor import Sensor as Sensor
 from .simulate import simulate as simulate
 from .solvers import State as State
 from .torch_operator import TorchSensingOperator as TorchSensingOperator

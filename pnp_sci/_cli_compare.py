@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING
 
 import click
 
-from ._cli_inputs import FILE, OUTPUT, interactive, noise_level, one_of, true_video
+from ._cli_inputs import FILE, OUTPUT, camera, camera_options, interactive, one_of, true_video
 
 if TYPE_CHECKING:
     from .bench import Trial
@@ -26,7 +26,7 @@ if TYPE_CHECKING:
 @click.option("--algorithms", default="gap", show_default=True, help="Comma-separated: gap, plain-gap, admm.")
 @click.option("--efforts", default="balanced", show_default=True, help="Comma-separated: fast, balanced, best.")
 @click.option("--iterations", type=click.IntRange(min=1), help="At most so many.  [default: as the effort says]")
-@click.option("--noise", default="auto", show_default=True, help="Standard deviation in units of y, or auto.")
+@camera_options
 @click.option("--device", help="For priors that are networks, such as cuda.")
 @click.option("--seed", default=0, show_default=True, help="For priors that draw random numbers.")
 @click.option("--title", help="Heading of the report.  [default: names the measurement's file]")
@@ -46,6 +46,9 @@ def compare(
     efforts: str,
     iterations: int | None,
     noise: str,
+    gain: float | None,
+    full_scale: float | None,
+    bits: int | None,
     device: str | None,
     seed: int,
     title: str | None,
@@ -58,7 +61,7 @@ def compare(
     kept from a method are predicted); PSNR and SSIM where the truth is given. Exit code 1 if one of them fails; the
     others are reported all the same.
     """
-    level = noise_level(noise)
+    sensor = camera(noise, gain, full_scale, bits)
     from . import bench, io
 
     y = io.read_measurement(measurement, key)
@@ -74,7 +77,7 @@ def compare(
         reference=truth,
         source=bench.Source(measurement, masks_file or measurement, views, key, masks_key, index),
         progress=interactive(),
-        noise=level,
+        noise=sensor,
         seed=seed,
         device=device,
     )

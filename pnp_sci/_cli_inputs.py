@@ -11,10 +11,15 @@ import click
 from .errors import InputError
 
 if TYPE_CHECKING:
+    from collections.abc import Callable
+
     import numpy as np
+
+    from .sensor import Sensor
 
 FILE = click.Path(exists=True, path_type=Path)
 OUTPUT = click.Path(path_type=Path)
+POSITIVE = click.FloatRange(min=0, min_open=True)
 
 
 def interactive() -> bool:
@@ -22,14 +27,30 @@ def interactive() -> bool:
     return sys.stderr.isatty()
 
 
-def noise_level(text: str) -> str | float:
-    """What ``--noise`` stands for."""
-    if text == "auto":
-        return text
+def camera_options(command: Callable) -> Callable:
+    """The options that :func:`camera` takes, for a command."""
+    noise = "Standard deviation of the noise, with --gain of that in the dark, in units of y; or auto."
+    for option in (
+        click.option("--bits", type=click.IntRange(1, 32), help="Grey levels of the camera, up to --full-scale."),
+        click.option("--full-scale", type=POSITIVE, help="The camera's largest value: pixels there are saturated."),
+        click.option("--gain", type=POSITIVE, help="Units of y an electron, for photon noise.  [default: none]"),
+        click.option("--noise", default="auto", show_default=True, help=noise),
+    ):
+        command = option(command)
+    return command
+
+
+def camera(noise: str, gain: float | None, full_scale: float | None, bits: int | None) -> str | float | Sensor:
+    """What the options of the camera stand for: the `noise` of :func:`pnp_sci.solve`."""
     try:
-        return float(text)
+        level = noise if noise == "auto" else float(noise)
     except ValueError:
-        raise click.BadParameter(f"{text!r} came, auto or a number was expected", param_hint="--noise") from None
+        raise click.BadParameter(f"{noise!r} came, auto or a number was expected", param_hint="--noise") from None
+    if (gain, full_scale, bits) == (None, None, None):
+        return level
+    from .sensor import Sensor
+
+    return Sensor(level, gain or 0.0, full_scale, bits)  # type: ignore[arg-type]
 
 
 def true_video(file: Path, shape: tuple[int, ...], several: bool) -> np.ndarray:

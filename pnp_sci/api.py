@@ -10,7 +10,7 @@ import sys
 import time
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
-from dataclasses import replace
+from dataclasses import asdict, replace
 from functools import cache
 from importlib.metadata import version
 from importlib.util import find_spec
@@ -31,6 +31,7 @@ from .problem import Problem, check_measurement, check_noise, check_operator, po
 from .result import History, Record, Result, Status
 from .scene import SceneModel, full, judge
 from .schedule import contrast, schedule_for
+from .sensor import Sensor, looks_saturated
 from .solvers import ALGORITHMS, State
 from .threads import limited
 
@@ -52,7 +53,7 @@ def solve(
     effort: str = "balanced",
     scene: str | SceneModel = "auto",
     iterations: int | None = None,
-    noise: float | str = "auto",
+    noise: float | str | Sensor = "auto",
     sigma: float | None = None,
     tol: float = 8e-5,
     time_budget: float | None = None,
@@ -86,11 +87,13 @@ def solve(
         most to show by then, whatever the effort; see :func:`pnp_sci.recommend`.
     scene : "auto", "full" or SceneModel
         What to model. "auto" drops views that are dark and models a scene in which nothing moves by one frame per view;
-        `Result.scene` says what was modelled and why.
+        `Result.scene` says what was modelled and why, how many pixels of y are saturated, and how many every mask
+        leaves closed.
     iterations : int, optional
         At most so many; by default as `effort` says, or as many as the stages of the prior have.
-    noise : "auto" or float
-        Standard deviation of the noise of y, in its units; "auto" estimates it.
+    noise : "auto", float, or Sensor
+        Standard deviation of the noise of y, in its units; "auto" estimates it. A :class:`~pnp_sci.Sensor` says more of
+        the camera: photon noise, saturated pixels, which only bound the light from below, and grey levels.
     sigma : float, optional
         What the prior is called with, in units where x spans about [0, 1]; by default a rule on the noise decides.
     tol : float
@@ -136,7 +139,7 @@ def solve(
     begin = time.perf_counter()
     measurements = check_measurement(y)
     op, largest = check_operator(masks, measurements)
-    noise = check_noise(noise)
+    sensor = check_noise(noise)
     one_of("algorithm", algorithm, ALGORITHMS)
     one_of("effort", effort, EFFORTS)
     if not isinstance(scene, SceneModel):
@@ -167,6 +170,11 @@ def solve(
     tires = learned and iterations is None
     truth = Reference(reference, (len(measurements), *op.shape)) if reference is not None else None
     _warn_of_lost_views(op)
+    if sensor.full_scale is None and any(map(looks_saturated, measurements)):
+        _log.warning(
+            "y has many pixels at exactly its largest value: if the camera was saturated there, say so with "
+            "noise=pnp_sci.Sensor(full_scale=...)"
+        )
 
     videos = np.empty((len(measurements), *op.shape), op.dtype)
     statuses, records, problems, scenes, allowed = [], [], [], [], []
@@ -181,12 +189,12 @@ def solve(
             if time_budget is not None:
                 now = time.perf_counter()
                 deadline = now + (begin + time_budget - now) / (len(measurements) - n)
-            problem = pose(op, largest, measurement, noise)
+            problem = pose(op, largest, measurement, sensor)
             model = choose_scene(scene, problem, prior)
             reduced = model.reduce(op)
             states = iterate(  # no name for the first estimate, which is freed after the first step
                 reduced, problem.y, denoiser, model.restrict(first_estimate(init, problem)),
-                algorithm=algorithm, noise=problem.noise, sigma=sigma,
+                algorithm=algorithm, noise=problem.noise, sigma=sigma, saturated=problem.saturated,
             )  # fmt: skip
 
             def score(x: np.ndarray, n: int = n, model: SceneModel = model, unit: float = problem.unit):
@@ -194,12 +202,13 @@ def solve(
 
             allowed.append(schedule_for(reduced, problem.noise, sigma).enough(most) if tires else most)
             limits = Limits(allowed[-1], tol * contrast(reduced), deadline)
-            state, status, course = run(states, problem.y, limits, observe, score)
+            state, status, course = run(states, problem.y, limits, observe, score, problem.saturated)
             x = model.expand(state.x, op.shape)
             _put(x if np.isfinite(x).all() else np.zeros_like(x), videos[n], problem.unit)
             statuses.append(status)
             problems.append(problem)
-            scenes.append(model.describe(op))
+            lost = 0 if problem.saturated is None else int(problem.saturated.sum())
+            scenes.append(model.describe(op) | {"saturated": lost, "closed": int((op.gram == 0).sum())})
             records += [replace(record, measurement=n) for record in course]
             if truth and course:
                 records[-1] = replace(records[-1], ssim=truth.ssim(videos[n], n))
@@ -212,7 +221,8 @@ def solve(
         "algorithm": algorithm,
         "effort": effort,
         "iterations": max(allowed),
-        "noise": [p.noise * p.unit * largest for p in problems],
+        "noise": [p.typical_noise * p.unit * largest for p in problems],
+        "sensor": asdict(sensor),
         "sigma": sigma,
         "tol": tol,
         "time_budget": time_budget,
@@ -243,7 +253,7 @@ def choose_scene(scene: str | SceneModel, problem: Problem, prior: Any = None) -
         return full(problem.op)
     careful = prior not in QUICK and "flow" in registry.available("priors")
     return judge(
-        problem.op, problem.y, problem.noise, registry.load("priors", "tv")(),
+        *problem.exact(), problem.typical_noise, registry.load("priors", "tv")(),
         registry.load("priors", "flow")() if careful else None,
     )  # fmt: skip
 
@@ -283,7 +293,7 @@ def decode(y: Any, masks: Any, model: str = "ofanet", **options: Any) -> Result:
     statuses, records, problems = [], [], []
     for n, measurement in enumerate(measurements):
         start = time.perf_counter()
-        problem = pose(op, largest, measurement, 0.0)
+        problem = pose(op, largest, measurement, Sensor(0.0))
         x = shaped("what the decoder returns", decoder(op, problem.y, **options), op.shape, op.dtype)
         seconds = time.perf_counter() - start
         statuses.append(Status.DECODED if np.isfinite(x).all() else Status.NOT_FINITE)

@@ -11,7 +11,7 @@ import click
 
 from ._cli_bench import bench
 from ._cli_compare import compare
-from ._cli_inputs import FILE, OUTPUT, interactive, noise_level, one_of, true_video
+from ._cli_inputs import FILE, OUTPUT, camera, camera_options, interactive, one_of, true_video
 from .errors import InputError, UnknownPluginError
 
 if TYPE_CHECKING:
@@ -79,7 +79,7 @@ def demo(out: Path, size: int) -> None:
 @click.option("--init", default="adjoint", show_default=True, help="First estimate.")
 @click.option("--effort", default="balanced", show_default=True, help="fast, balanced or best.")
 @click.option("--iterations", type=click.IntRange(min=1), help="At most so many.")
-@click.option("--noise", default="auto", show_default=True, help="Standard deviation in units of y, or auto.")
+@camera_options
 @click.option("--time-budget", type=click.FloatRange(min=0, min_open=True), help="Seconds to stop after.")
 @click.option("--device", help="For priors that are networks, such as cuda.")
 @click.option("--threads", type=click.IntRange(min=1), help="At most so many.  [default: one a core]")
@@ -97,6 +97,9 @@ def solve(
     index: int | None,
     prior: str,
     noise: str,
+    gain: float | None,
+    full_scale: float | None,
+    bits: int | None,
     options: tuple[str, ...],
     reference: Path | None,
     out: Path,
@@ -104,7 +107,8 @@ def solve(
     **settings: Any,
 ) -> None:
     """Recover the video of each view from MEASUREMENT, a file with one or several."""
-    prior_options, stages, level = _pairs(options), _prior(prior), noise_level(noise)
+    prior_options, stages = _pairs(options), _prior(prior)
+    sensor = camera(noise, gain, full_scale, bits)
     from . import api, io
 
     masks = io.read_masks(masks_file or measurement, views, masks_key)
@@ -113,7 +117,7 @@ def solve(
     if index is not None:
         y, truth = one_of(y, index), truth if truth is None else truth[index]
     result = api.solve(
-        y, masks, stages, noise=level, reference=truth, progress=interactive(), **settings, **prior_options
+        y, masks, stages, noise=sensor, reference=truth, progress=interactive(), **settings, **prior_options
     )
     result.save(out)
     written = [out]

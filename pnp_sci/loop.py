@@ -15,7 +15,7 @@ from .operator import SensingOperator
 from .protocols import Denoiser
 from .result import Record, Status
 from .schedule import schedule_for
-from .solvers import ALGORITHMS, State, start
+from .solvers import ALGORITHMS, State, missing, start
 
 EXPLODED = 10.0  # relative residual that no useful iterate has: x = 0 has 1
 PLATEAU = 5  # iterations in a row that must be below the tolerance
@@ -28,8 +28,9 @@ def iterate(
     x: np.ndarray,
     *,
     algorithm: str = "gap",
-    noise: float = 0.0,
+    noise: float | np.ndarray = 0.0,
     sigma: float | None = None,
+    saturated: np.ndarray | None = None,
 ) -> Iterator[State]:
     """The iterates of a solver, without end: take as many as you like.
 
@@ -43,10 +44,13 @@ def iterate(
     x : ndarray, (V, B, H, W)
         The first estimate.
     algorithm : "gap", "plain-gap" or "admm"
-    noise : float
-        Standard deviation of the noise of y; sets how far the data are trusted, see :mod:`pnp_sci.schedule`.
+    noise : float or ndarray, (H, W)
+        Standard deviation of the noise of y, or of each of its pixels; sets how far the data are trusted, see
+        :mod:`pnp_sci.schedule`.
     sigma : float, optional
         What the denoiser is called with; by default a rule decides.
+    saturated : ndarray of bool, (H, W), optional
+        Pixels in which Phi x may be y or more.
 
     Yields
     ------
@@ -73,7 +77,7 @@ def iterate(
         strength, rho = plan.at(state.iteration)
         if state.iteration and strength != state.sigma:  # what the solver has accumulated is in units of sigma
             state = replace(state, dual=state.dual * op.dtype.type(strength / state.sigma))
-        state = step(op, y, denoise, state, strength, rho)
+        state = step(op, y, denoise, state, strength, rho, saturated)
 
 
 def _in_place(denoiser: Denoiser) -> Denoiser:
@@ -105,6 +109,7 @@ def run(
     limits: Limits,
     observe: Callable[[State, Record], bool],
     psnr: Callable[[np.ndarray], float | None] | None = None,
+    saturated: np.ndarray | None = None,
 ) -> tuple[State, Status, list[Record]]:
     """Take states until a limit is met, the observer asks to stop, or the guard sees a failure.
 
@@ -117,7 +122,8 @@ def run(
     good, before, quiet, slowest = None, None, 0, 0.0
     for state in states:
         now = time.perf_counter()
-        relative = _length(state.residual) / norm  # not finite if any value of x is not: 0 * nan is nan
+        unexplained = missing(state.residual, saturated)
+        relative = _length(unexplained) / norm  # not finite if any value of x is not: 0 * nan is nan
         if not np.isfinite(relative):
             return good or state, Status.NOT_FINITE, records
         if relative > EXPLODED:
@@ -133,7 +139,7 @@ def run(
         if stop:
             return state, Status.STOPPED, records
         if before is not None:
-            change = _length(state.residual - before) / norm
+            change = _length(unexplained - before) / norm
             quiet = quiet + 1 if change < limits.tol else 0
             if quiet >= PLATEAU:
                 return state, Status.CONVERGED, records
@@ -141,7 +147,7 @@ def run(
             return state, Status.ITERATIONS, records
         if limits.deadline is not None and time.perf_counter() + slowest > limits.deadline:
             return state, Status.TIME_BUDGET, records
-        before = state.residual
+        before = unexplained
     raise AssertionError("iterate() has no end")
 
 

@@ -10,7 +10,7 @@ BLOCK = 8  # pixels a side
 QUANTILE = 0.02  # of blocks: the flattest decide
 
 
-def estimate_noise(op: SensingOperator, y: np.ndarray) -> float:
+def estimate_noise(op: SensingOperator, y: np.ndarray, saturated: np.ndarray | None = None) -> float:
     """Standard deviation of the noise of a measurement, in the units of y.
 
     Where all views are smooth and move little, y is within a small block a plane times each view's sum of masks, plus a
@@ -23,6 +23,8 @@ def estimate_noise(op: SensingOperator, y: np.ndarray) -> float:
     ----------
     op : SensingOperator
     y : ndarray, (H, W)
+    saturated : ndarray of bool, (H, W), optional
+        Blocks with such pixels are left out.
 
     Returns
     -------
@@ -41,7 +43,10 @@ def estimate_noise(op: SensingOperator, y: np.ndarray) -> float:
 
     views, frames, rows, columns = op.shape
     freedom = BLOCK * BLOCK - 4 * views
-    if (rows // BLOCK) * (columns // BLOCK) < 16 or freedom < 1:
+    usable = np.ones((rows // BLOCK) * (columns // BLOCK), bool)
+    if saturated is not None:
+        usable = ~_blocks(saturated).any((1, 2))
+    if usable.sum() < 16 or freedom < 1:
         return 0.0
     tilt = np.linspace(-0.5, 0.5, BLOCK)
     time = np.linspace(-1, 1, frames) if frames > 1 else np.zeros(1)
@@ -58,7 +63,7 @@ def estimate_noise(op: SensingOperator, y: np.ndarray) -> float:
     fit = np.linalg.solve(normal + ridge * np.eye(model.shape[-1]), right[..., None])[..., 0]
     left_over = ((values - np.einsum("kpi,ki->kp", model, fit)) ** 2).sum(1)
     quantile_of_chi_square = 2 * gammaincinv(freedom / 2, QUANTILE)  # scipy.stats would take half a second to load
-    return float(np.sqrt(np.quantile(left_over, QUANTILE) / quantile_of_chi_square))
+    return float(np.sqrt(np.quantile(left_over[usable], QUANTILE) / quantile_of_chi_square))
 
 
 def _blocks(picture: np.ndarray) -> np.ndarray:

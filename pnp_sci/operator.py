@@ -118,7 +118,7 @@ class SensingOperator:
         _kernels.adjoint(self._planes, y.reshape(-1), x.reshape(self._planes.shape))
         return x
 
-    def project(self, x: Any, y: Any, rho: float = 0.0, out: np.ndarray | None = None) -> np.ndarray:
+    def project(self, x: Any, y: Any, rho: float | np.ndarray = 0.0, out: np.ndarray | None = None) -> np.ndarray:
         """``x + Phi^T (y - Phi x) / (gram + rho)`` in one fused pass.
 
         With ``rho = 0`` the Euclidean projection of x onto the videos that measure y; with ``rho > 0`` the minimiser of
@@ -128,8 +128,8 @@ class SensingOperator:
         ----------
         x : array_like, (V, B, H, W)
         y : array_like, (H, W)
-        rho : float
-            >= 0, in units of gram.
+        rho : float or ndarray, (H, W)
+            >= 0, in units of gram: for all pixels, or for each.
         out : ndarray, optional
             Where the result goes; may be `x` itself.
         """
@@ -139,7 +139,7 @@ class SensingOperator:
         y = self._array("y", y, self.shape[2:])
         out = self._output(out, self.shape)
         flat = self._planes.shape
-        weight = self._weight(float(rho))
+        weight = self._weight(rho)
         _kernels.project(self._planes, x.reshape(flat), y.reshape(-1), weight, out.reshape(flat), out is x)
         return out
 
@@ -156,16 +156,19 @@ class SensingOperator:
             dtype=self.dtype,
         )
 
-    def _weight(self, rho: float) -> np.ndarray:
-        """1 / (gram + rho), 0 where that is 0 or denormal; the last one is kept, for solvers that do not change rho."""
-        if not rho >= 0:
-            raise InputError(f"rho is {rho}: a number >= 0 was expected")
+    def _weight(self, rho: Any) -> np.ndarray:
+        """1 / (gram + rho), 0 where that is 0 or denormal; that of one rho for all is kept for the next call."""
         cached = self.__dict__.get("_last_weight")
-        if cached is None or cached[0] != rho:
-            total = self.gram.reshape(-1) + self.dtype.type(rho)
-            cached = rho, np.divide(1, total, out=np.zeros_like(total), where=total >= np.finfo(self.dtype).tiny)
-            self._last_weight = cached
-        return cached[1]
+        if np.ndim(rho) == 0 and cached is not None and cached[0] == rho:
+            return cached[1]
+        rho = self._array("rho", rho, self.shape[2:]) if np.ndim(rho) else self.dtype.type(rho)
+        if not np.min(rho) >= 0:
+            raise InputError(f"rho is {np.min(rho)}: a number >= 0 was expected")
+        total = (self.gram + rho).reshape(-1)
+        weight = np.divide(1, total, out=np.zeros_like(total), where=total >= np.finfo(self.dtype).tiny)
+        if np.ndim(rho) == 0:
+            self._last_weight = rho, weight
+        return weight
 
     def _array(self, name: str, value: Any, shape: tuple[int, ...]) -> np.ndarray:
         return shaped(name, value, shape, self.dtype)

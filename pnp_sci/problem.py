@@ -2,15 +2,16 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
 
-from .checks import number, real_array, require_finite
+from .checks import real_array, require_finite
 from .errors import InputError
 from .noise import estimate_noise
 from .operator import SensingOperator, as_masks
+from .sensor import Sensor
 
 NEAR = (1.5, 6, 24, 96)  # pixels: widths of the means over neighbours for pixels that no mask lets light to
 CLOSED = 1e-3  # of the largest weight: below, there are no open neighbours
@@ -28,14 +29,29 @@ class Problem:
         In units where x spans about [0, 1].
     unit : float
         The value of x in the user's units that is 1 here.
-    noise : float
-        Standard deviation of the noise of y, in the units of `y` here.
+    noise : float or ndarray, (H, W)
+        Standard deviation of the noise of y, in the units of `y` here; of each pixel where they differ.
+    saturated : ndarray of bool, (H, W), optional
+        Pixels in which y is only the least that there can have been.
     """
 
     op: SensingOperator
     y: np.ndarray
     unit: float
-    noise: float
+    noise: float | np.ndarray
+    saturated: np.ndarray | None = None
+
+    @property
+    def typical_noise(self) -> float:
+        """Root mean square of `noise`."""
+        return float(np.sqrt(np.mean(np.square(self.noise))))
+
+    def exact(self) -> tuple[SensingOperator, np.ndarray]:
+        """Operator and measurement without the saturated pixels: no mask lets light to them."""
+        if self.saturated is None:
+            return self.op, self.y
+        known = ~self.saturated
+        return SensingOperator(self.op.masks * known.astype(self.op.masks.dtype), self.op.dtype), self.y * known
 
 
 def check_measurement(y: Any) -> np.ndarray:
@@ -68,20 +84,24 @@ def check_operator(masks: Any, y: np.ndarray) -> tuple[SensingOperator, float]:
     return SensingOperator(masks, dtype), largest
 
 
-def pose(op: SensingOperator, largest: float, y: np.ndarray, noise: float | str) -> Problem:
+def pose(op: SensingOperator, largest: float, y: np.ndarray, sensor: Sensor) -> Problem:
     """The problem for one measurement (H, W); `largest` is what the masks were divided by."""
     y = y.astype(np.float64)
+    saturated = sensor.saturated(y)
     height = float(np.abs(y).max()) or 1.0
+    if sensor.read_noise == "auto":
+        sensor = replace(sensor, read_noise=height * estimate_noise(op, y / height, saturated))
+    sigma = np.minimum(sensor.deviation(y) / height, LOUDEST)
     y /= height
-    sigma = estimate_noise(op, y) if noise == "auto" else min(float(noise) / height, LOUDEST)
-    unit = brightest(op, y, sigma)
+    unit = brightest(op, y, float(np.mean(sigma)))
     x_unit = unit * height / largest
     if x_unit > float(np.finfo(op.dtype).max):
         raise InputError(
             f"y reaches {height:.3g} and masks {largest:.3g}: their quotient was expected within {op.dtype}"
             + ("; give y as float64" if op.dtype == np.float32 else "")
         )
-    return Problem(op, (y / unit).astype(op.dtype), x_unit, sigma / unit)
+    noise = (sigma / unit).astype(op.dtype) if np.ndim(sigma) else float(sigma / unit)
+    return Problem(op, (y / unit).astype(op.dtype), x_unit, noise, saturated)
 
 
 def brightest(op: SensingOperator, y: np.ndarray, noise: float) -> float:
@@ -107,11 +127,9 @@ def brightest(op: SensingOperator, y: np.ndarray, noise: float) -> float:
     return float(np.sqrt(energy / expected)) if energy > 0 and expected > 0 else 1.0
 
 
-def check_noise(noise: Any) -> float | str:
-    """Noise as "auto" or a number >= 0."""
-    if isinstance(noise, str) and noise == "auto":
-        return "auto"
-    return number("noise", noise, '"auto" or a standard deviation >= 0 in the units of y')
+def check_noise(noise: Any) -> Sensor:
+    """What `noise` says of the camera: all of it, "auto", or a standard deviation >= 0."""
+    return noise if isinstance(noise, Sensor) else Sensor(noise)
 
 
 def level(op: SensingOperator, y: np.ndarray) -> np.ndarray:

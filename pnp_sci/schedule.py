@@ -37,13 +37,13 @@ class Schedule:
 
     Attributes
     ----------
-    product : float
+    product : float or ndarray, (H, W)
         sigma * rho; 0 without noise.
     first, last : float
         sigma at the beginning and after 40 iterations, in units where x spans [0, 1].
     """
 
-    product: float
+    product: float | np.ndarray
     first: float
     last: float
 
@@ -55,17 +55,17 @@ class Schedule:
         after 80, 60 and 50 iterations where the last sigma is 0.06, 0.08, and 0.1 or more; three pairs of the benchmark
         were looked at too.
         """
-        if self.product == 0:
+        if not np.any(self.product):
             return most
         return min(most, round(ENOUGH + MORE * min(SIGMA / self.last, 1) ** 4))
 
-    def at(self, iteration: int) -> tuple[float, float]:
+    def at(self, iteration: int) -> tuple[float, float | np.ndarray]:
         """sigma, and rho of the projection, for the iteration after so many."""
         sigma = self.first * (self.last / self.first) ** min(iteration / FALL, 1) if self.first > 0 else 0.0
         return sigma, self.product / sigma if sigma > 0 else 0.0
 
 
-def schedule_for(op: SensingOperator, noise: float, sigma: float | None = None) -> Schedule:
+def schedule_for(op: SensingOperator, noise: float | np.ndarray, sigma: float | None = None) -> Schedule:
     """The schedule for a standard deviation `noise` of y, in units where x spans [0, 1], and maybe a given sigma.
 
     What GAP and ADMM minimise depends on the product ``sigma * rho`` only: 0.6 times the variance of the noise, less
@@ -74,13 +74,15 @@ def schedule_for(op: SensingOperator, noise: float, sigma: float | None = None) 
     apart: sigma begins with 0.05, or with what it takes to have rho at 0.15 of the mean gram; from there it falls
     within 40 iterations half way back to 0.05 on a scale of powers, where flow and networks can see the motion and the
     detail that TV leaves.
+    Where pixels differ in noise, each has its own rho, and the mean of the products decides on sigma.
     The constants are one choice for all scenes, made from coarse grids at noise levels from 0 to 0.2 of max(y) on
     clips of the training set and on three pairs of the benchmark, both of which were looked at; 0.6 in the place of
     0.5 gains 0.1 to 0.2 dB with noise on six clips that had no part in the choice, but for `tv` at 0.2 of max(y).
     """
     gram = float(np.mean(op.gram))
     product = BALANCE * noise**2 / (1 + noise / np.sqrt(gram)) if gram > 0 else 0.0
+    mean = float(np.mean(product))
     if sigma is not None:
         return Schedule(product, sigma, sigma)
-    first = max(SIGMA, product / (SOFTEST * gram)) if product > 0 else SIGMA
+    first = max(SIGMA, mean / (SOFTEST * gram)) if mean > 0 else SIGMA
     return Schedule(product, first, float(np.sqrt(first * SIGMA)))

@@ -11,23 +11,31 @@ from .checks import require_finite
 from .errors import InputError
 from .io import read_video
 from .operator import SensingOperator
+from .sensor import Sensor
 
 
 def simulate(
-    video: Any, masks: Any, noise: float = 0.0, seed: int = 0, bits: int | None = None, peak: float | None = None
+    video: Any,
+    masks: Any,
+    noise: float | Sensor = 0.0,
+    seed: int = 0,
+    bits: int | None = None,
+    peak: float | None = None,
 ) -> np.ndarray:
     """The measurement of a video through masks, with the noise and the grey levels of a camera.
 
     ``y = Phi x``, then ``y + noise * peak * n`` with n standard normal, the noise protocol of the OFaNet paper; then,
-    if `bits` is given, y is clipped to [0, peak] and rounded to 2**bits levels.
+    if `bits` is given, y is clipped to [0, peak] and rounded to 2**bits levels. Or what a :class:`~pnp_sci.Sensor`
+    makes of ``Phi x``.
 
     Parameters
     ----------
     video : array_like, (V, B, H, W) or (B, H, W), or a path
         In any units: the measurement has the same. From a file, its planes are shared among the views of `masks`.
     masks : array_like, (V, B, H, W) or (B, H, W)
-    noise : float
-        Standard deviation of the noise, relative to `peak`; >= 0.
+    noise : float or Sensor
+        Standard deviation of the noise, relative to `peak`; >= 0. Or the camera, in the units of the measurement; it
+        has its own `bits` and its own full scale.
     seed : int
         Of the noise.
     bits : int, optional
@@ -50,7 +58,10 @@ def simulate(
     >>> float(simulate(np.ones((2, 3, 4, 5)), np.ones((2, 3, 4, 5)), bits=8).max())
     6.0
     """
-    if not noise >= 0:
+    if isinstance(noise, Sensor):
+        if (bits, peak) != (None, None):
+            raise InputError(f"bits is {bits}, peak is {peak}: neither was expected beside a Sensor, which has its own")
+    elif not noise >= 0:
         raise InputError(f"noise is {noise}: a number >= 0 was expected")
     if bits is not None and bits not in range(1, 33):
         raise InputError(f"bits is {bits}: a whole number from 1 to 32 was expected")
@@ -63,9 +74,8 @@ def simulate(
         raise InputError(f"video has shape {x.shape}, but masks {op.shape}: the same was expected")
     require_finite("video", x)
     y = op.forward(x)
-    full_scale = float(y.max()) if peak is None else peak
-    y += (noise * full_scale * np.random.default_rng(seed).standard_normal(y.shape)).astype(y.dtype)
-    if bits is None or full_scale <= 0:
-        return y
-    step = full_scale / (2**bits - 1)
-    return (np.round(np.clip(y, 0, full_scale).astype(np.float64) / step) * step).astype(y.dtype)
+    if isinstance(noise, Sensor):
+        return noise.expose(y, seed)
+    highest = float(y.max()) if peak is None else peak
+    levels = (highest, bits) if bits is not None and highest > 0 else (None, None)
+    return Sensor(abs(noise * highest), 0.0, *levels).expose(y, seed)

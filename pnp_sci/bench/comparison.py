@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import json
 from collections.abc import Sequence
-from dataclasses import asdict, dataclass, field
+from dataclasses import asdict, dataclass, field, replace
 from pathlib import Path
 from typing import Any
 
@@ -18,6 +18,7 @@ from ..operator import as_masks
 from ..problem import check_measurement, check_noise, check_operator, pose
 from ..result import Result
 from ..scene import SceneModel
+from ..sensor import Sensor
 from .held_back import filled_start, held_back_score
 from .methods import Method, Source
 from .runner import machine, scores
@@ -120,7 +121,7 @@ def compare(
     reference: Any = None,
     source: Source | None = None,
     progress: bool = False,
-    noise: float | str = "auto",
+    noise: float | str | Sensor = "auto",
     seed: int = 0,
     device: str | None = None,
 ) -> Comparison:
@@ -185,6 +186,8 @@ class _Task:
     planes: np.ndarray  # the same, (V, B, H, W)
     unit: float  # the value of x that is 1 where x spans about [0, 1]
     noise: float  # in the units of y
+    sensor: Sensor  # with that noise, where it was to be estimated
+    saturated: np.ndarray | None
     scene: SceneModel
     truth: Reference | None
     common: dict[str, Any]
@@ -195,13 +198,17 @@ class _Task:
         (picture,) = check_measurement(y)
         planes = as_masks(masks)
         op, largest = check_operator(planes, picture[None])
-        problem = pose(op, largest, picture, check_noise(common["noise"]))
+        sensor = check_noise(common["noise"])
+        problem = pose(op, largest, picture, sensor)
+        noise = problem.typical_noise * problem.unit * largest
         return cls(
             picture,
             masks,
             planes,
             problem.unit,
-            problem.noise * problem.unit * largest,
+            noise,
+            sensor if sensor.read_noise != "auto" else replace(sensor, read_noise=noise),
+            problem.saturated,
             api.choose_scene("auto", problem),
             None if reference is None else Reference(reference, (1, *op.shape)),
             common,
@@ -222,10 +229,15 @@ class _Task:
 
     def score(self, method: Method) -> float:
         """Noise and scene are as all pixels tell them: the same for every method, undisturbed by holes."""
-        known = {"init": filled_start(method.init), "noise": self.noise, "scene": self.scene}
+        known = {"init": filled_start(method.init), "noise": self.sensor, "scene": self.scene}
         settings = method.arguments() | self.common | known
         return held_back_score(
-            lambda y, masks: api.solve(y, masks, **settings).x, self.y, self.planes, noise=self.noise, white=self.unit
+            lambda y, masks: api.solve(y, masks, **settings).x,
+            self.y,
+            self.planes,
+            noise=self.noise,
+            white=self.unit,
+            saturated=self.saturated,
         )
 
     def facts(self) -> dict[str, str]:

@@ -22,6 +22,7 @@ def held_back_score(
     *,
     noise: float = 0.0,
     white: float = 1.0,
+    saturated: np.ndarray | None = None,
     fraction: float = FRACTION,
     seed: int = 0,
 ) -> float:
@@ -44,6 +45,8 @@ def held_back_score(
         Standard deviation of the noise of y, in its units. What it explains of the error is not the method's fault.
     white : float
         The value of the video that counts as 1, as the peak of a PSNR.
+    saturated : ndarray of bool, (H, W), optional
+        Pixels that are not chosen, as nobody knows what they should be predicted to be.
     fraction : float
         Share of the pixels to hide, between 0 and 1; pixels that no mask lets light to are not chosen.
     seed : int
@@ -82,7 +85,8 @@ def held_back_score(
             f"masks has shape {np.shape(masks)}, but y {np.shape(y)}: (V, B, H, W) and (H, W) were expected"
         )
     op = SensingOperator(masks, np.float64)
-    hidden = _choose(op.gram > 0, fraction, seed)
+    usable = op.gram > 0
+    hidden = _choose(usable if saturated is None else usable & ~saturated, fraction, seed)
     if not hidden.any():
         return float("nan")
     x = np.asarray(reconstruct(y * ~hidden, masks * ~hidden), np.float64)

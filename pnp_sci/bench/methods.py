@@ -11,6 +11,7 @@ from typing import Any
 
 from .. import api
 from ..result import Result
+from ..sensor import Sensor
 
 
 @dataclass(frozen=True)
@@ -103,6 +104,10 @@ class Method:
         """A command line that does the same, where there is one and the files are known."""
         if source is None or self.prior is None:
             return None
+        noise = common.get("noise")
+        if isinstance(noise, Sensor):
+            camera = {"noise": noise.read_noise, "gain": noise.gain or None}
+            common = common | camera | {"full_scale": noise.full_scale, "bits": noise.bits}
         return shlex.join([*source.command(), *_options(self.arguments() | common)])
 
 

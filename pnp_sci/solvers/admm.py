@@ -6,21 +6,32 @@ import numpy as np
 
 from ..operator import SensingOperator
 from ..protocols import Denoiser
-from .state import State
+from .state import State, missing
 
 
 def admm_step(
-    op: SensingOperator, y: np.ndarray, denoise: Denoiser, state: State, sigma: float, rho: float = 0.0
+    op: SensingOperator,
+    y: np.ndarray,
+    denoise: Denoiser,
+    state: State,
+    sigma: float,
+    rho: float | np.ndarray = 0.0,
+    saturated: np.ndarray | None = None,
 ) -> State:
     """One iteration of plug-and-play ADMM in scaled form.
 
     ``z <- argmin ||y - Phi z||^2 + rho ||z - (x - u)||^2;  x <- D_sigma(z + u);  u <- u + z - x``
 
     (Chan, Wang & Elgendy 2017; for SCI Yuan et al. 2020.) With ``rho = 0`` the first step is the projection onto
-    ``Phi z = y``. Keeps a dual video u in `State.dual`, where GAP keeps one picture.
+    ``Phi z = y``. Where y is saturated, ``||y - Phi z||`` counts only what Phi z falls short of y. Keeps a dual video u
+    in `State.dual`, where GAP keeps one picture.
     """
     dual = state.dual if state.dual.ndim == 4 else np.zeros_like(state.x)
-    v = op.project(state.x - dual, y, rho)
+    v, target = state.x - dual, y
+    if saturated is not None:
+        measured = op.forward(v)
+        target = measured + missing(y - measured, saturated)
+    v = op.project(v, target, rho)
     v += dual
     x = denoise(v.copy(), sigma)
     return State(state.iteration + 1, x, y - op.forward(x), v - x, sigma)

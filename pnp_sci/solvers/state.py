@@ -39,10 +39,22 @@ class Step(Protocol):
     """One iteration of a solver."""
 
     def __call__(
-        self, op: SensingOperator, y: np.ndarray, denoise: Denoiser, state: State, sigma: float, rho: float
+        self,
+        op: SensingOperator,
+        y: np.ndarray,
+        denoise: Denoiser,
+        state: State,
+        sigma: float,
+        rho: float | np.ndarray,
+        saturated: np.ndarray | None,
     ) -> State:
         """The state after `state`, which stays as it is."""
         ...
+
+
+def missing(residual: np.ndarray, saturated: np.ndarray | None) -> np.ndarray:
+    """What an estimate fails to explain of y (H, W): the residual, but nothing where it exceeds a saturated y."""
+    return residual if saturated is None else np.where(saturated, np.maximum(residual, 0), residual)
 
 
 def start(op: SensingOperator, y: np.ndarray, x: np.ndarray) -> State:

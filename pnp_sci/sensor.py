@@ -1,0 +1,114 @@
+"""What a camera makes of the light that reaches it, and what its pictures then say of that light."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Literal
+
+import numpy as np
+
+from .checks import number
+from .errors import InputError
+
+CLIPPED = 1e-3  # portion of the pixels that have the largest value of y where it was clipped
+MANY = 1e9  # electrons in a pixel: from here on their noise is normal to all digits
+REACHED = 1e-6  # of the full scale: pixels as close to it as that have reached it
+
+
+@dataclass(frozen=True, repr=False)
+class Sensor:
+    """A camera: photon noise, read noise, a largest value and grey levels.
+
+    The variance of a pixel is ``read_noise**2 + gain * y``, and a twelfth of the squared distance of two grey levels.
+    A pixel at full scale says only that there was at least so much light.
+
+    Parameters
+    ----------
+    read_noise : "auto" or float
+        Standard deviation of the noise in the dark, in the units of y, >= 0; "auto" estimates it from each measurement.
+    gain : float
+        Units of y that an electron adds, >= 0, with the black level taken off y; 0 is no photon noise. Needs a
+        `read_noise` that is a number.
+    full_scale : float, optional
+        The largest value that the camera gives, > 0: pixels that reach it are saturated.
+    bits : int, optional
+        There are 2**bits grey levels from 0 to full scale; 1 to 32, needs `full_scale`.
+
+    Raises
+    ------
+    InputError
+        If a field is out of its range, or needs another one.
+
+    Examples
+    --------
+    >>> camera = Sensor(read_noise=2.0, gain=0.5, full_scale=255, bits=8)
+    >>> camera.saturated(np.array([[20.0, 255.0]]))
+    array([[False,  True]])
+    """
+
+    read_noise: Literal["auto"] | float = "auto"
+    gain: float = 0.0
+    full_scale: float | None = None
+    bits: int | None = None
+
+    def __post_init__(self):
+        if not (isinstance(self.read_noise, str) and self.read_noise == "auto"):
+            expected = '"auto" or a standard deviation >= 0 in the units of y'
+            object.__setattr__(self, "read_noise", number("noise", self.read_noise, expected))
+        object.__setattr__(self, "gain", number("gain", self.gain))
+        if self.gain and self.read_noise == "auto":
+            raise InputError('read_noise is "auto": a number was expected beside a gain, in the units of y')
+        if self.full_scale is not None and not number("full_scale", self.full_scale) > 0:
+            raise InputError(f"full_scale is {self.full_scale}: a number > 0 was expected")
+        if self.bits is not None and self.bits not in range(1, 33):
+            raise InputError(f"bits is {self.bits}: a whole number from 1 to 32 was expected")
+        if self.bits is not None and self.full_scale is None:
+            raise InputError(f"bits is {self.bits}, but full_scale is None: the value of the last level was expected")
+
+    def __repr__(self) -> str:
+        return f"pnp_sci.Sensor({self.read_noise!r}, {self.gain}, {self.full_scale}, {self.bits})"
+
+    @property
+    def step(self) -> float:
+        """From one grey level to the next, in the units of y; 0 without levels."""
+        return self.full_scale / (2**self.bits - 1) if self.full_scale and self.bits else 0.0
+
+    def expose(self, clean: np.ndarray, seed: int = 0) -> np.ndarray:
+        """The picture (H, W), floating, that the camera takes of a measurement without noise (H, W), in its units."""
+        if self.read_noise == "auto":
+            raise InputError('read_noise is "auto": a number was expected, for there is no measurement to take it from')
+        random = np.random.default_rng(seed)
+        y = clean.astype(np.float64)
+        if self.gain > 0:
+            electrons = y / self.gain
+            if electrons.min() < 0:
+                raise InputError(f"gain is {self.gain}, but the measurement reaches {y.min():.3g}: >= 0 was expected")
+            some = random.poisson(np.minimum(electrons, MANY))
+            many = electrons + np.sqrt(electrons) * random.standard_normal(y.shape)
+            y = self.gain * np.where(electrons < MANY, some, many)
+        y += self.read_noise * random.standard_normal(y.shape)
+        if self.full_scale is not None:
+            y = np.clip(y, 0, self.full_scale)
+        if self.step > 0:
+            y = np.round(y / self.step) * self.step
+        return y.astype(np.result_type(clean, np.float32))
+
+    def deviation(self, y: np.ndarray) -> np.ndarray | float:
+        """Standard deviation of the noise of each pixel of y (H, W); one number where all have the same."""
+        assert self.read_noise != "auto", "pose() has put a number there"
+        constant = self.read_noise**2 + self.step**2 / 12
+        return np.sqrt(constant + self.gain * np.maximum(y, 0)) if self.gain > 0 else float(np.sqrt(constant))
+
+    def saturated(self, y: np.ndarray) -> np.ndarray | None:
+        """Which pixels of y are at full scale, bool (H, W); None if there are none."""
+        if self.full_scale is None:
+            return None
+        reached = y >= self.full_scale * (1 - REACHED) - self.step / 2
+        return reached if reached.any() else None
+
+
+def looks_saturated(y: np.ndarray) -> bool:
+    """Whether y (H, W) piles up at its largest value: a thousandth of it is there, and more than in the 2 % below."""
+    highest = y.max()
+    there, near = np.count_nonzero(y == highest), np.count_nonzero(y >= 0.98 * highest)
+    return bool(highest > 0 and there >= CLIPPED * y.size and near < 2 * there < y.size)
