@@ -31,7 +31,9 @@ def main():
                 quality.append([np.mean(pnp_sci.psnr(result.x, scene.truth)) for result in results])
                 lost.append(results[1].scene["saturated"] / y.size)
             before, after = np.mean(quality, 0)
-            print(f'{prior:5} {name:54} {np.mean(lost):5.1%} saturated: noise="auto" {before:.2f}, Sensor {after:.2f} dB')
+            print(
+                f'{prior:5} {name:54} {np.mean(lost):5.1%} saturated: noise="auto" {before:.2f}, Sensor {after:.2f} dB'
+            )
 
 
 if __name__ == "__main__":

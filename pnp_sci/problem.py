@@ -100,8 +100,8 @@ def pose(op: SensingOperator, largest: float, y: np.ndarray, sensor: Sensor) -> 
             f"y reaches {height:.3g} and masks {largest:.3g}: their quotient was expected within {op.dtype}"
             + ("; give y as float64" if op.dtype == np.float32 else "")
         )
-    noise = (sigma / unit).astype(op.dtype) if np.ndim(sigma) else float(sigma / unit)
-    return Problem(op, (y / unit).astype(op.dtype), x_unit, noise, saturated)
+    noise = sigma / unit
+    return Problem(op, (y / unit).astype(op.dtype), x_unit, noise if np.ndim(noise) else float(noise), saturated)
 
 
 def brightest(op: SensingOperator, y: np.ndarray, noise: float) -> float:

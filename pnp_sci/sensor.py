@@ -10,7 +10,7 @@ import numpy as np
 from .checks import number
 from .errors import InputError
 
-CLIPPED = 1e-3  # portion of the pixels that have the largest value of y where it was clipped
+CLIPPED, FEW = 1e-3, 16  # portion and number of pixels that have the largest value of y where it was clipped
 MANY = 1e9  # electrons in a pixel: from here on their noise is normal to all digits
 REACHED = 1e-6  # of the full scale: pixels as close to it as that have reached it
 
@@ -96,8 +96,10 @@ class Sensor:
     def deviation(self, y: np.ndarray) -> np.ndarray | float:
         """Standard deviation of the noise of each pixel of y (H, W); one number where all have the same."""
         assert self.read_noise != "auto", "pose() has put a number there"
-        constant = self.read_noise**2 + self.step**2 / 12
-        return np.sqrt(constant + self.gain * np.maximum(y, 0)) if self.gain > 0 else float(np.sqrt(constant))
+        constant = float(np.hypot(self.read_noise, self.step / np.sqrt(12)))
+        if self.gain == 0:
+            return constant
+        return np.hypot(constant, np.sqrt(self.gain) * np.sqrt(np.maximum(y, 0)))  # squares could overflow
 
     def saturated(self, y: np.ndarray) -> np.ndarray | None:
         """Which pixels of y are at full scale, bool (H, W); None if there are none."""
@@ -111,4 +113,4 @@ def looks_saturated(y: np.ndarray) -> bool:
     """Whether y (H, W) piles up at its largest value: a thousandth of it is there, and more than in the 2 % below."""
     highest = y.max()
     there, near = np.count_nonzero(y == highest), np.count_nonzero(y >= 0.98 * highest)
-    return bool(highest > 0 and there >= CLIPPED * y.size and near < 2 * there < y.size)
+    return bool(highest > 0 and there >= max(CLIPPED * y.size, FEW) and near < 2 * there < y.size)

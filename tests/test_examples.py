@@ -16,6 +16,7 @@ WRITTEN = {
     "replay_real_wheel": {"wheel.png", "wheel.mp4"},
     "replay_real_dual": {"dual.png", "dual.mp4"},
     "own_prior": set(),
+    "what_is_modelled": {"modelled.jpg"},
 }
 CAPTURES = [("replay_real_wheel", (14, 256, 256)), ("replay_real_dual", (14, 240, 480))]
 

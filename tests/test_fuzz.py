@@ -30,6 +30,7 @@ from pnp_sci import Result, SensingOperator, decode, io, solve
 from pnp_sci.errors import InputError, InputTypeError
 from pnp_sci.result import History, Record, Status
 from pnp_sci.scene import SceneModel
+from pnp_sci.sensor import Sensor
 
 LONG = "PNP_SCI_FUZZ" in os.environ
 EXAMPLES = int(os.environ.get("PNP_SCI_FUZZ", "600"))
@@ -125,13 +126,22 @@ def problems(draw):
     return shape, y, draw(st.sampled_from([masks] * 3 + [np.asarray(masks)[0]] * (shape[0] == 1)))
 
 
+CAMERAS = [
+    Sensor(read, gain, full, bits)
+    for read, gain, full, bits in (
+        ("auto", 0, 1, None), ("auto", 0, 1e-300, 32), (0, 0, 0.5, 8), (0, 1, None, None), (0.1, 1e-30, 3, 1),
+        (1e30, 1e300, 1e30, 12), (1e-300, 5, 100, None),
+    )
+]  # fmt: skip
+
+
 @st.composite
 def options(draw, shape):
     """Arguments of solve that could be meant, most of them."""
     optional = {
         "algorithm": st.sampled_from(["gap", "plain-gap", "admm"]),
         "effort": st.sampled_from(["fast", "balanced", "best"]),
-        "noise": st.just("auto") | amounts | numbers,
+        "noise": st.just("auto") | amounts | numbers | st.sampled_from(CAMERAS),
         "sigma": st.none() | amounts | amounts.map(np.float32) | st.sampled_from([np.nan, -1.0, np.inf]),
         "tol": amounts | numbers,
         "time_budget": st.none() | st.sampled_from([0, 1e-9, 0.01, 5, 1e300]) | numbers,

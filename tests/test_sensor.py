@@ -61,14 +61,14 @@ def test_nothing_is_saturated_without_a_full_scale():
 
 
 @pytest.mark.parametrize(
-    "fields, message",
+    ("fields", "message"),
     [
-        ({"read_noise": -1}, "noise is -1.*>= 0"),
+        ({"read_noise": -1}, r"noise is -1.*>= 0"),
         ({"read_noise": "some"}, "noise is 'some'"),
         ({"read_noise": 1, "gain": np.nan}, "gain is nan"),
-        ({"gain": 1}, "read_noise is .auto.*beside a gain"),
-        ({"full_scale": 0}, "full_scale is 0.*> 0"),
-        ({"full_scale": 1, "bits": 0}, "bits is 0.*1 to 32"),
+        ({"gain": 1}, r"read_noise is .auto.*beside a gain"),
+        ({"full_scale": 0}, r"full_scale is 0.*> 0"),
+        ({"full_scale": 1, "bits": 0}, r"bits is 0.*1 to 32"),
         ({"bits": 8}, "bits is 8, but full_scale is None"),
     ],
 )
@@ -78,11 +78,11 @@ def test_what_no_camera_is(fields, message):
 
 
 def test_what_cannot_be_exposed():
-    with pytest.raises(InputError, match="auto.*a number was expected"):
+    with pytest.raises(InputError, match=r"auto.*a number was expected"):
         Sensor().expose(np.ones((2, 2)))
-    with pytest.raises(InputError, match="reaches -1.*>= 0 was expected"):
+    with pytest.raises(InputError, match=r"reaches -1.*>= 0 was expected"):
         Sensor(0.0, gain=1.0).expose(-np.ones((2, 2)))
-    with pytest.raises(InputError, match="bits is 8.*beside a Sensor"):
+    with pytest.raises(InputError, match=r"bits is 8.*beside a Sensor"):
         pnp_sci.simulate(np.ones((1, 2, 4, 4)), np.ones((1, 2, 4, 4)), Sensor(0.1), bits=8)
 
 
@@ -91,7 +91,7 @@ def test_simulate_exposes(scene):
     assert np.array_equal(pnp_sci.simulate(scene.truth, scene.masks, camera, seed=3), camera.expose(scene.y, 3))
 
 
-@pytest.mark.parametrize("algorithm, gain", [("gap", 0.7), ("plain-gap", 0.2), ("admm", 0.7)])
+@pytest.mark.parametrize(("algorithm", "gain"), [("gap", 0.7), ("plain-gap", 0.2), ("admm", 0.7)])
 def test_saturated_pixels_are_bounds(scene, camera, algorithm, gain):
     y = pnp_sci.simulate(scene.truth, scene.masks, camera)
     settings = {"algorithm": algorithm, "iterations": 60, "tol": 0}

@@ -1,5 +1,9 @@
 """Threads: held to a number while something is computed, and as before afterwards."""
 
+import os
+import subprocess
+import sys
+
 import numba
 import numpy as np
 import pytest
@@ -52,3 +56,14 @@ def test_bad_numbers_are_named(threads):
     scene = datasets.embedded_scene(16)
     with pytest.raises(InputError, match="threads is"):
         pnp_sci.solve(scene.y, scene.masks, threads=threads)
+
+
+@pytest.mark.parametrize(
+    ("given", "then"),
+    [({}, "10000"), ({"GOMP_SPINCOUNT": "7"}, "7"), ({"OMP_WAIT_POLICY": "active"}, "None")],
+)
+def test_threads_that_wait_do_not_keep_others_from_working(given, then):
+    unset = {name: value for name, value in os.environ.items() if name not in ("GOMP_SPINCOUNT", "OMP_WAIT_POLICY")}
+    code = "import os, pnp_sci._jit; print(os.environ.get('GOMP_SPINCOUNT'))"
+    done = subprocess.run([sys.executable, "-c", code], env=unset | given, capture_output=True, text=True, check=True)
+    assert done.stdout.strip() == then

@@ -1,0 +1,58 @@
+"""Defaults against the best of a grid for each scene and noise level, which needs the truth: PSNR in dB, mean of views.
+
+PNP_SCI_DATA=... python benchmarks/defaults_against_grid.py [tv] [flow]
+
+The grid runs over how far the data are trusted (as if the noise were that multiple of what is estimated), the number of
+iterations, and the prior's own parameters.
+"""
+
+import itertools
+import sys
+
+import numpy as np
+
+import pnp_sci
+
+PAIRS = ("bear_blackswan", "car-b_car-w", "hike_hockey")
+NOISE = (0, 0.01, 0.05, 0.1, 0.2)  # in parts of max(y)
+TRUST = (0.5, 0.7, 1, 1.4, 2)  # multiples of the estimated noise
+GRIDS = {
+    "tv": {"iterations": (50, 100, 200), "time": ("auto", 0.03, 0.1, 0.3)},
+    "flow": {"iterations": (60, 100), "tolerance": (1.5, 2.2, 3.0), "neighbours": (2, 3)},
+}
+
+
+def solved(scene, y, prior, **settings):
+    """PSNR, and the noise that was assumed."""
+    result = pnp_sci.solve(y, scene.masks, prior, **settings)
+    return float(np.mean(pnp_sci.psnr(result.x, scene.truth))), result.settings["noise"][0]
+
+
+def main():
+    for prior in sys.argv[1:] or GRIDS:
+        grid = GRIDS[prior]
+        points = [dict(zip(grid, values)) for values in itertools.product(*grid.values())]
+        for pair, noise in itertools.product(PAIRS, NOISE):
+            scene = pnp_sci.datasets.dualview(pair)
+            y = pnp_sci.simulate(scene.truth, scene.masks, noise)
+            default, assumed = solved(scene, y, prior)
+            trust = TRUST if noise else (1,)
+            # the grid at the estimated noise, then other multiples of it from there
+            best, settings = default, {"trust": 1.0}
+            for point in points:
+                psnr, _ = solved(scene, y, prior, noise=assumed, **point)
+                if psnr > best:
+                    best, settings = psnr, {"trust": 1.0} | point
+            for multiple in trust:
+                point = {key: value for key, value in settings.items() if key != "trust"}
+                psnr, _ = solved(scene, y, prior, noise=multiple * assumed, **point)
+                if psnr > best:
+                    best, settings = psnr, point | {"trust": multiple}
+            words = ", ".join(f"{key} {value}" for key, value in settings.items())
+            print(
+                f"{prior:5} {pair:15} noise {noise:4}: defaults {default:.2f}, grid {best:.2f} dB ({words})", flush=True
+            )
+
+
+if __name__ == "__main__":
+    main()
