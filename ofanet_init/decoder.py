@@ -63,7 +63,7 @@ def ofanet(op: SensingOperator, y: np.ndarray, *, device: str | None = None) -> 
     >>> pnp_sci.decode(scene.y, scene.masks, model="ofanet").x.shape
     (2, 10, 64, 64)
     """
-    if choose_scene("auto", Problem(op, y, 1.0, estimate_noise(op, y))).still:
+    if choose_scene("auto", Problem(op, y, 1.0, estimate_noise(op, y))).nothing_moves:
         first = ofanet_fast(op, y, device=device)
         return np.broadcast_to(first.mean(1, keepdims=True), op.shape).copy()
     return _decoded(op, y, device, refine=True)

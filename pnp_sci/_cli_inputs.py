@@ -50,7 +50,10 @@ def camera(noise: str, gain: float | None, full_scale: float | None, bits: int |
         return level
     from .sensor import Sensor
 
-    return Sensor(level, gain or 0.0, full_scale, bits)  # type: ignore[arg-type]
+    try:
+        return Sensor(level, gain or 0.0, full_scale, bits)  # type: ignore[arg-type]
+    except InputError as error:
+        raise click.BadParameter(str(error), param_hint="--noise, --gain, --full-scale, --bits") from error
 
 
 def true_video(file: Path, shape: tuple[int, ...], several: bool) -> np.ndarray:

@@ -31,7 +31,7 @@ from .problem import Problem, check_measurement, check_noise, check_operator, po
 from .result import History, Record, Result, Status
 from .scene import SceneModel, full, judge
 from .schedule import contrast, schedule_for
-from .sensor import Sensor, looks_saturated
+from .sensor import SATURATED, Sensor, looks_saturated
 from .solvers import ALGORITHMS, State
 from .threads import limited
 
@@ -170,11 +170,8 @@ def solve(
     tires = learned and iterations is None
     truth = Reference(reference, (len(measurements), *op.shape)) if reference is not None else None
     _warn_of_lost_views(op)
-    if sensor.full_scale is None and any(map(looks_saturated, measurements)):
-        _log.warning(
-            "y has many pixels at exactly its largest value: if the camera was saturated there, say so with "
-            "noise=pnp_sci.Sensor(full_scale=...)"
-        )
+    if not isinstance(noise, Sensor) and any(map(looks_saturated, measurements)):
+        _log.warning(SATURATED)
 
     videos = np.empty((len(measurements), *op.shape), op.dtype)
     statuses, records, problems, scenes, allowed = [], [], [], [], []
@@ -252,10 +249,7 @@ def choose_scene(scene: str | SceneModel, problem: Problem, prior: Any = None) -
     if scene == "full" or "tv" not in registry.available("priors"):
         return full(problem.op)
     careful = prior not in QUICK and "flow" in registry.available("priors")
-    return judge(
-        *problem.exact(), problem.typical_noise, registry.load("priors", "tv")(),
-        registry.load("priors", "flow")() if careful else None,
-    )  # fmt: skip
+    return judge(problem, registry.load("priors", "tv")(), registry.load("priors", "flow")() if careful else None)
 
 
 def decode(y: Any, masks: Any, model: str = "ofanet", **options: Any) -> Result:

@@ -122,9 +122,8 @@ def run(
     good, before, quiet, slowest = None, None, 0, 0.0
     for state in states:
         now = time.perf_counter()
-        unexplained = missing(state.residual, saturated)
-        relative = _length(unexplained) / norm  # not finite if any value of x is not: 0 * nan is nan
-        if not np.isfinite(relative):
+        relative = _length(missing(state.residual, saturated)) / norm
+        if not np.isfinite(_length(state.residual)):  # it is not if any value of x is not: 0 * nan is nan
             return good or state, Status.NOT_FINITE, records
         if relative > EXPLODED:
             return good or state, Status.DIVERGED, records
@@ -139,7 +138,7 @@ def run(
         if stop:
             return state, Status.STOPPED, records
         if before is not None:
-            change = _length(unexplained - before) / norm
+            change = _length(state.residual - before) / norm
             quiet = quiet + 1 if change < limits.tol else 0
             if quiet >= PLATEAU:
                 return state, Status.CONVERGED, records
@@ -147,7 +146,7 @@ def run(
             return state, Status.ITERATIONS, records
         if limits.deadline is not None and time.perf_counter() + slowest > limits.deadline:
             return state, Status.TIME_BUDGET, records
-        before = unexplained
+        before = state.residual
     raise AssertionError("iterate() has no end")
 
 

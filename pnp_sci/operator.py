@@ -159,12 +159,12 @@ class SensingOperator:
     def _weight(self, rho: Any) -> np.ndarray:
         """1 / (gram + rho), 0 where that is 0 or denormal; that of one rho for all is kept for the next call."""
         cached = self.__dict__.get("_last_weight")
-        if np.ndim(rho) == 0 and cached is not None and cached[0] == rho:
+        if np.ndim(rho) == 0 and cached is not None and cached[0] == float(rho):
             return cached[1]
-        rho = self._array("rho", rho, self.shape[2:]) if np.ndim(rho) else self.dtype.type(rho)
+        rho = self._array("rho", rho, self.shape[2:]) if np.ndim(rho) else float(rho)
         if not np.min(rho) >= 0:
             raise InputError(f"rho is {np.min(rho)}: a number >= 0 was expected")
-        total = (self.gram + rho).reshape(-1)
+        total = (self.gram + np.asarray(rho, self.dtype)).reshape(-1)
         weight = np.divide(1, total, out=np.zeros_like(total), where=total >= np.finfo(self.dtype).tiny)
         if np.ndim(rho) == 0:
             self._last_weight = rho, weight

@@ -7,7 +7,7 @@ from typing import Any
 
 import numpy as np
 
-from .checks import real_array, require_finite
+from .checks import number, real_array, require_finite
 from .errors import InputError
 from .noise import estimate_noise
 from .operator import SensingOperator, as_masks
@@ -43,15 +43,11 @@ class Problem:
 
     @property
     def typical_noise(self) -> float:
-        """Root mean square of `noise`."""
-        return float(np.sqrt(np.mean(np.square(self.noise))))
-
-    def exact(self) -> tuple[SensingOperator, np.ndarray]:
-        """Operator and measurement without the saturated pixels: no mask lets light to them."""
-        if self.saturated is None:
-            return self.op, self.y
-        known = ~self.saturated
-        return SensingOperator(self.op.masks * known.astype(self.op.masks.dtype), self.op.dtype), self.y * known
+        """Root mean square of `noise`, over pixels that are not saturated."""
+        noise = np.asarray(self.noise)
+        if noise.ndim and self.saturated is not None and not self.saturated.all():
+            noise = noise[~self.saturated]
+        return float(np.sqrt(np.mean(np.square(noise))))
 
 
 def check_measurement(y: Any) -> np.ndarray:
@@ -89,8 +85,7 @@ def pose(op: SensingOperator, largest: float, y: np.ndarray, sensor: Sensor) -> 
     y = y.astype(np.float64)
     saturated = sensor.saturated(y)
     height = float(np.abs(y).max()) or 1.0
-    if sensor.read_noise == "auto":
-        sensor = replace(sensor, read_noise=height * estimate_noise(op, y / height, saturated))
+    sensor = measured(sensor, op, y)
     sigma = np.minimum(sensor.deviation(y) / height, LOUDEST)
     y /= height
     unit = brightest(op, y, float(np.mean(sigma)))
@@ -127,9 +122,23 @@ def brightest(op: SensingOperator, y: np.ndarray, noise: float) -> float:
     return float(np.sqrt(energy / expected)) if energy > 0 and expected > 0 else 1.0
 
 
+def measured(sensor: Sensor, op: SensingOperator, y: np.ndarray) -> Sensor:
+    """The camera with its read noise estimated from a measurement (H, W), if it is "auto"."""
+    if sensor.read_noise != "auto":
+        return sensor
+    height = float(np.abs(y).max()) or 1.0
+    estimate = height * estimate_noise(op, y / height, sensor.saturated(y))  # of which some is of the grey levels
+    rounding = sensor.step / np.sqrt(12)
+    return replace(sensor, read_noise=float(np.sqrt(max(estimate - rounding, 0)) * np.sqrt(estimate + rounding)))
+
+
 def check_noise(noise: Any) -> Sensor:
     """What `noise` says of the camera: all of it, "auto", or a standard deviation >= 0."""
-    return noise if isinstance(noise, Sensor) else Sensor(noise)
+    if isinstance(noise, Sensor):
+        return noise
+    if isinstance(noise, str) and noise == "auto":
+        return Sensor()
+    return Sensor(number("noise", noise, '"auto", a standard deviation >= 0 in the units of y, or a Sensor'))
 
 
 def level(op: SensingOperator, y: np.ndarray) -> np.ndarray:

@@ -58,7 +58,7 @@ class Record:
     seconds : float
         Since the solver began with this measurement.
     residual : float
-        ``||y - Phi x|| / ||y||``
+        ``||y - Phi x|| / ||y||``; of saturated pixels only what Phi x falls short of y counts.
     sigma : float
         What the prior was told, in units where x spans about [0, 1].
     psnr, ssim : float or None

@@ -8,10 +8,10 @@ from typing import Any
 
 import numpy as np
 
-from .errors import InputTypeError
+from .errors import InputError, InputTypeError
 from .loop import iterate
 from .operator import SensingOperator
-from .problem import level
+from .problem import Problem, level
 from .protocols import Denoiser
 
 DARK = 0.08  # of the brightest view's level: below, a view may be absent
@@ -37,34 +37,54 @@ class SceneModel:
     ----------
     views : tuple of bool
         Which views hold anything; the others come out as 0.
-    still : bool
-        Whether one frame per view stands for all of them.
+    still : bool or tuple of bool
+        Whether one frame of a view stands for all of them; one answer for all views, or one for each. Kept as a tuple.
     reason : str
         In words.
     """
 
     views: tuple[bool, ...]
-    still: bool = False
+    still: bool | tuple[bool, ...] = False
     reason: str = "as asked for"
 
     def __post_init__(self):
-        try:
-            object.__setattr__(self, "views", tuple(bool(view) for view in self.views))  # 0 and 1 would be indices
-        except (TypeError, ValueError) as error:
-            raise InputTypeError(f"views is {self.views!r}: a tuple of bool was expected") from error
+        views = _bools("views", self.views)  # 0 and 1 would be indices
+        still = self.still
+        still = (bool(still),) * len(views) if isinstance(still, (bool, np.bool_)) else _bools("still", still)
+        if len(still) != len(views):
+            raise InputError(f"still has {len(still)} values: {len(views)} were expected, one for each view")
+        object.__setattr__(self, "views", views)
+        object.__setattr__(self, "still", still)
 
     @property
     def complete(self) -> bool:
         """Whether every view and frame is modelled; then nothing is copied."""
-        return all(self.views) and not self.still
+        return all(self.views) and not self._still.any()
+
+    @property
+    def nothing_moves(self) -> bool:
+        """Whether all views that hold anything stand still."""
+        return bool(self._still.all())
+
+    @property
+    def _still(self) -> np.ndarray:
+        """Which of the views that hold anything stand still."""
+        return np.array(self.still)[np.array(self.views)]
 
     def reduce(self, op: SensingOperator) -> SensingOperator:
-        """The operator of what is modelled: masks of the views there are, summed over time if nothing moves."""
+        """The operator of what is modelled: masks of the views there are, summed over time if nothing moves.
+
+        A view that stands still beside another that moves has the mean of its masks for each of its frames: they then
+        measure the same and stay the same.
+        """
         if self.complete:
             return op
         masks = op.masks[np.array(self.views)]
-        if self.still:
+        if self.nothing_moves:
             masks = masks.sum(1, keepdims=True, dtype=op.dtype)
+        elif self._still.any():
+            masks = masks.astype(op.dtype)
+            masks[self._still] = masks[self._still].mean(1, keepdims=True)
         return SensingOperator(masks, op.dtype)
 
     def restrict(self, x: np.ndarray) -> np.ndarray:
@@ -72,7 +92,8 @@ class SceneModel:
         if self.complete:
             return x
         kept = x[np.array(self.views)]
-        return kept.mean(1, keepdims=True) if self.still else kept
+        kept[self._still] = kept[self._still].mean(1, keepdims=True)
+        return kept[:, :1] if self.nothing_moves else kept
 
     def expand(self, x: np.ndarray, shape: tuple[int, ...]) -> np.ndarray:
         """The video (V, B, H, W) of what was modelled."""
@@ -80,13 +101,25 @@ class SceneModel:
             return x
         full = np.zeros(shape, x.dtype)
         full[np.array(self.views)] = x
+        if not self.nothing_moves:
+            still = np.array(self.still) & np.array(self.views)
+            full[still] = full[still].mean(1, keepdims=True)
         return full
 
     def describe(self, op: SensingOperator) -> dict[str, Any]:
         """For `Result.scene`."""
         views, frames = op.shape[:2]
-        modelled = sum(self.views) * (1 if self.still else frames)
-        return asdict(self) | {"frames_modelled": modelled, "frames": views * frames}
+        modelled = sum(1 if still else frames for still in self._still)
+        alike = self.nothing_moves or not self._still.any()
+        still = self.nothing_moves if alike else self.still
+        return asdict(self) | {"still": still, "frames_modelled": modelled, "frames": views * frames}
+
+
+def _bools(name: str, values: Any) -> tuple[bool, ...]:
+    try:
+        return tuple(bool(value) for value in values)
+    except (TypeError, ValueError) as error:
+        raise InputTypeError(f"{name} is {values!r}: a tuple of bool was expected") from error
 
 
 def full(op: SensingOperator, reason: str = "as asked for") -> SceneModel:
@@ -94,9 +127,7 @@ def full(op: SensingOperator, reason: str = "as asked for") -> SceneModel:
     return SceneModel((True,) * op.shape[0], False, reason)
 
 
-def judge(
-    op: SensingOperator, y: np.ndarray, noise: float, denoiser: Denoiser, careful: Denoiser | None = None
-) -> SceneModel:
+def judge(problem: Problem, denoiser: Denoiser, careful: Denoiser | None = None) -> SceneModel:
     """What this measurement requires to be modelled, from the measurement alone.
 
     Simpler models are tried against the full one: without the views whose level is near 0, and with one frame per view.
@@ -106,11 +137,7 @@ def judge(
 
     Parameters
     ----------
-    op : SensingOperator
-    y : ndarray, (H, W)
-        In units where x spans about [0, 1].
-    noise : float
-        Standard deviation of the noise of y.
+    problem : Problem
     denoiser : Denoiser
         For the quick estimates, such as TV.
     careful : Denoiser, optional
@@ -118,18 +145,19 @@ def judge(
         not predict clearly better than a still one does quickly. Where masks are sparse, frames many or pictures small,
         a still model is as good as what TV makes of a moving scene, but not as good as what flow makes of it.
     """
+    op = problem.op
     chosen = full(op, "every view and frame is needed")
-    levels = view_levels(op, y)
+    levels = view_levels(op, problem.y)
     lit = tuple(bool(v) for v in levels > DARK * levels.max())
     if not all(lit) and any(lit):
         dark = ", ".join(str(v + 1) for v, on in enumerate(lit) if not on)
         without = SceneModel(lit, False, f"view {dark} is dark: y is explained without it")
-        if _predicts_better(op, y, noise, denoiser, without, chosen):
+        if _predicts_better(problem, denoiser, without, chosen):
             chosen = without
     if op.shape[1] > 1:
         so_far = "" if chosen.complete else chosen.reason + "; "
         still = SceneModel(chosen.views, True, so_far + "nothing moves: one frame per view explains y")
-        if _predicts_better(op, y, noise, denoiser, still, chosen, careful):
+        if _predicts_better(problem, denoiser, still, chosen, careful):
             chosen = still
     return chosen
 
@@ -153,25 +181,26 @@ def view_levels(op: SensingOperator, y: np.ndarray) -> np.ndarray:
 
 
 def _predicts_better(
-    op: SensingOperator,
-    y: np.ndarray,
-    noise: float,
-    denoiser: Denoiser,
-    simple: SceneModel,
-    other: SceneModel,
-    careful: Denoiser | None = None,
+    problem: Problem, denoiser: Denoiser, simple: SceneModel, other: SceneModel, careful: Denoiser | None = None
 ) -> bool:
-    """Whether the simple model predicts pixels of y held back clearly better, on the tile where it is worst off."""
-    seen = np.random.default_rng(0).random(y.shape) >= HELD_BACK
+    """Whether the simple model predicts pixels of y held back clearly better, on the tile where it is worst off.
+
+    Saturated pixels are neither seen nor predicted.
+    """
+    op, y, noise = problem.op, problem.y, problem.typical_noise
+    hidden = np.random.default_rng(0).random(y.shape) < HELD_BACK
+    seen = ~hidden
+    if problem.saturated is not None:
+        hidden, seen = hidden & ~problem.saturated, seen & ~problem.saturated
     errors = (next(_prediction_errors(model.reduce(op), y, seen, noise, denoiser, LOOK)) for model in (simple, other))
-    crop = _contested_tile(*(~seen * error**2 for error in errors))
-    part, y, seen = SensingOperator(op.masks[(..., *crop)], op.dtype), y[crop], seen[crop]
-    if seen.all():
+    crop = _contested_tile(*(hidden * error**2 for error in errors))
+    part, y, hidden, seen = SensingOperator(op.masks[(..., *crop)], op.dtype), y[crop], hidden[crop], seen[crop]
+    if not hidden.any():
         return False
 
     def squares(model: SceneModel, prior: Denoiser, *iterations: int) -> Iterator[float]:
         for error in _prediction_errors(model.reduce(part), y, seen, noise, prior, *iterations):
-            yield float(np.mean(error[~seen] ** 2)) - noise**2
+            yield float(np.mean(error[hidden] ** 2)) - noise**2
 
     of_simple = next(squares(simple, denoiser, ITERATIONS))
     # below 0 all is noise, and tells nothing; the other model only gets better after the early look

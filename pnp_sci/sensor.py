@@ -3,15 +3,20 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Literal
+from typing import Any, Literal
 
 import numpy as np
 
-from .checks import number
+from .checks import number, whole
 from .errors import InputError
 
 CLIPPED, FEW = 1e-3, 16  # portion and number of pixels that have the largest value of y where it was clipped
+AROUND = 1.5  # pixels: width of the mean that tells how much light a pixel gets
 MANY = 1e9  # electrons in a pixel: from here on their noise is normal to all digits
+SATURATED = (
+    "y has many pixels at exactly its largest value: if the camera was saturated there, say so with "
+    "noise=pnp_sci.Sensor(full_scale=...)"
+)
 REACHED = 1e-6  # of the full scale: pixels as close to it as that have reached it
 
 
@@ -27,10 +32,11 @@ class Sensor:
     read_noise : "auto" or float
         Standard deviation of the noise in the dark, in the units of y, >= 0; "auto" estimates it from each measurement.
     gain : float
-        Units of y that an electron adds, >= 0, with the black level taken off y; 0 is no photon noise. Needs a
-        `read_noise` that is a number.
+        Units of y that an electron adds, >= 0; 0 is no photon noise. Needs a `read_noise` that is a number, and a y
+        whose black level has been taken off.
     full_scale : float, optional
-        The largest value that the camera gives, > 0: pixels that reach it are saturated.
+        The largest value that the camera gives, > 0, less the black level if that has been taken off y: pixels that
+        reach it are saturated.
     bits : int, optional
         There are 2**bits grey levels from 0 to full scale; 1 to 32, needs `full_scale`.
 
@@ -52,18 +58,26 @@ class Sensor:
     bits: int | None = None
 
     def __post_init__(self):
+        def store(name: str, value: Any) -> None:
+            object.__setattr__(self, name, value)
+
         if not (isinstance(self.read_noise, str) and self.read_noise == "auto"):
             expected = '"auto" or a standard deviation >= 0 in the units of y'
-            object.__setattr__(self, "read_noise", number("noise", self.read_noise, expected))
-        object.__setattr__(self, "gain", number("gain", self.gain))
+            store("read_noise", number("read_noise", self.read_noise, expected))
+        store("gain", number("gain", self.gain))
         if self.gain and self.read_noise == "auto":
             raise InputError('read_noise is "auto": a number was expected beside a gain, in the units of y')
-        if self.full_scale is not None and not number("full_scale", self.full_scale) > 0:
-            raise InputError(f"full_scale is {self.full_scale}: a number > 0 was expected")
-        if self.bits is not None and self.bits not in range(1, 33):
-            raise InputError(f"bits is {self.bits}: a whole number from 1 to 32 was expected")
-        if self.bits is not None and self.full_scale is None:
-            raise InputError(f"bits is {self.bits}, but full_scale is None: the value of the last level was expected")
+        if self.full_scale is not None:
+            store("full_scale", number("full_scale", self.full_scale))
+            if self.full_scale == 0:
+                raise InputError("full_scale is 0: a number > 0 was expected")
+        if self.bits is not None:
+            store("bits", whole("bits", self.bits, 1))
+            if self.bits > 32 or self.full_scale is None:
+                raise InputError(
+                    f"bits is {self.bits}, full_scale is {self.full_scale}: 1 to 32, and the value of the last level, "
+                    "were expected"
+                )
 
     def __repr__(self) -> str:
         return f"pnp_sci.Sensor({self.read_noise!r}, {self.gain}, {self.full_scale}, {self.bits})"
@@ -80,12 +94,12 @@ class Sensor:
         random = np.random.default_rng(seed)
         y = clean.astype(np.float64)
         if self.gain > 0:
-            electrons = y / self.gain
-            if electrons.min() < 0:
+            if y.min() < 0:
                 raise InputError(f"gain is {self.gain}, but the measurement reaches {y.min():.3g}: >= 0 was expected")
-            some = random.poisson(np.minimum(electrons, MANY))
-            many = electrons + np.sqrt(electrons) * random.standard_normal(y.shape)
-            y = self.gain * np.where(electrons < MANY, some, many)
+            few = y < MANY * self.gain
+            some = self.gain * random.poisson(np.divide(y, self.gain, out=np.zeros_like(y), where=few))
+            many = y + np.sqrt(self.gain) * np.sqrt(y) * random.standard_normal(y.shape)
+            y = np.where(few, some, many)
         y += self.read_noise * random.standard_normal(y.shape)
         if self.full_scale is not None:
             y = np.clip(y, 0, self.full_scale)
@@ -94,12 +108,19 @@ class Sensor:
         return y.astype(np.result_type(clean, np.float32))
 
     def deviation(self, y: np.ndarray) -> np.ndarray | float:
-        """Standard deviation of the noise of each pixel of y (H, W); one number where all have the same."""
-        assert self.read_noise != "auto", "pose() has put a number there"
+        """Standard deviation of the noise of each pixel of y (H, W); one number where all have the same.
+
+        The light of a pixel is taken from the mean around it, and to be an electron at least: by its own value, a pixel
+        that happens to count little would be trusted most.
+        """
+        from scipy.ndimage import gaussian_filter
+
+        assert self.read_noise != "auto", "measured() has put a number there"
         constant = float(np.hypot(self.read_noise, self.step / np.sqrt(12)))
         if self.gain == 0:
             return constant
-        return np.hypot(constant, np.sqrt(self.gain) * np.sqrt(np.maximum(y, 0)))  # squares could overflow
+        light = np.maximum(gaussian_filter(np.maximum(y, 0.0), AROUND, mode="nearest"), self.gain)
+        return np.hypot(constant, np.sqrt(self.gain) * np.sqrt(light))  # squares could overflow
 
     def saturated(self, y: np.ndarray) -> np.ndarray | None:
         """Which pixels of y are at full scale, bool (H, W); None if there are none."""

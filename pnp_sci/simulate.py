@@ -65,8 +65,8 @@ def simulate(
         raise InputError(f"noise is {noise}: a number >= 0 was expected")
     if bits is not None and bits not in range(1, 33):
         raise InputError(f"bits is {bits}: a whole number from 1 to 32 was expected")
-    if peak is not None and not peak > 0:
-        raise InputError(f"peak is {peak}: a number > 0 was expected")
+    if peak is not None and not 0 < peak < np.inf:
+        raise InputError(f"peak is {peak}: a finite number > 0 was expected")
     op = SensingOperator(masks)
     x = read_video(video, views=op.shape[0]) if isinstance(video, (str, Path)) else np.asarray(video)
     x = x[None] if x.ndim == 3 else x

@@ -336,3 +336,13 @@ def test_bench_goes_on_after_a_failure(here, monkeypatch):
     assert "Error: kobe with tv, 1 iteration: " in done.stderr
     assert "PNP_SCI_DATA" in done.stderr
     assert "'nowhere'" in fails(1, "bench", "--cases", "nowhere")
+
+
+def test_the_camera_on_the_command_line(meas, tmp_path):
+    words = "--noise", 0.1, "--gain", 0.01, "--full-scale", 6, "--bits", 8
+    for command, out in (("solve", ("--out", tmp_path / "r.npz")), ("compare", ("--priors", "tv", "--iterations", 2))):
+        assert run(command, meas, *words, *out).exit_code == 0
+    settings = Result.load(tmp_path / "r.npz").settings
+    assert settings["sensor"] == {"read_noise": 0.1, "gain": 0.01, "full_scale": 6.0, "bits": 8}
+    assert "beside a gain" in fails(2, "solve", meas, "--gain", 1)
+    assert "full_scale is None" in fails(2, "compare", meas, "--noise", 1, "--bits", 8)

@@ -270,3 +270,17 @@ X, Y = np.zeros((2, 3, 4, 5)), np.zeros((4, 5))
 def test_errors_name_the_argument_what_came_and_what_was_expected(call, error, message):
     with pytest.raises(error, match=message):
         call()
+
+
+def test_projection_with_a_weight_for_each_pixel():
+    random = np.random.default_rng(0)
+    op = SensingOperator(random.random((2, 3, 40, 50)))
+    x, y = video_and_picture(op.shape)
+    rho = random.random(op.shape[2:])
+    expected = x + op.adjoint((y - op.forward(x)) / (op.gram + rho))
+    assert op.project(x, y, rho) == pytest.approx(expected, abs=1e-12)
+    assert np.array_equal(op.project(x, y, np.full_like(rho, 0.3)), op.project(x, y, 0.3))
+    with pytest.raises(InputError, match="rho has shape"):
+        op.project(x, y, rho[1:])
+    with pytest.raises(InputError, match="rho is -1"):
+        op.project(x, y, rho - 1 - rho)

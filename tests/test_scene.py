@@ -63,6 +63,27 @@ def test_flow_contradicts_where_tv_makes_too_little_of_a_moving_scene(monkeypatc
     assert solve(y, masks, "flow", iterations=1).scene["still"]
 
 
+def test_a_view_that_stands_still_beside_a_moving_one(scene, still):
+    truth = np.stack([scene.truth[0], still[1]])
+    y = pnp_sci.simulate(truth, scene.masks)
+    told, full = (solve(y, scene.masks, scene=m) for m in (SceneModel((True, True), (False, True)), "full"))
+    assert told.scene["still"] == (False, True)
+    assert told.scene["frames_modelled"] == 11
+    assert (told.x[1] == told.x[1, :1]).all()
+    assert np.ptp(told.x[0], axis=0).max() > 0.1
+    assert pnp_sci.psnr(told.x, truth)[1] > pnp_sci.psnr(full.x, truth)[1] + 0.5
+
+
+def test_one_answer_or_one_for_each_view():
+    assert SceneModel((True, True), True) == SceneModel((1, 1), (1, 1))
+    assert SceneModel((True, False), (True, False)).nothing_moves  # of what there is
+    assert SceneModel((True, True), (False, False)).complete
+    with pytest.raises(InputError, match="still has 1 values: 2 were expected"):
+        SceneModel((True, True), (True,))
+    with pytest.raises(InputTypeError, match="still is 7"):
+        SceneModel((True, True), 7)
+
+
 def test_flow_agrees_where_nothing_moves(scene, still):
     assert solve(pnp_sci.simulate(still, scene.masks), scene.masks, "flow", iterations=1).scene["still"]
 
@@ -121,7 +142,7 @@ def test_a_view_that_is_not_dropped_stays_in_the_still_model(monkeypatch, scene)
     """A dim second view passes for dark by its level; if y says otherwise it must not vanish by the back door."""
     truth = scene.truth * np.array([1, 0.01], np.float32)[:, None, None, None]
     y = pnp_sci.simulate(truth, scene.masks)
-    monkeypatch.setattr("pnp_sci.scene._predicts_better", lambda *arguments: arguments[4].still)
+    monkeypatch.setattr("pnp_sci.scene._predicts_better", lambda *arguments: arguments[2].nothing_moves)
     assert solve(y, scene.masks, iterations=1).scene["views"] == (True, True)
 
 

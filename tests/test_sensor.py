@@ -63,13 +63,15 @@ def test_nothing_is_saturated_without_a_full_scale():
 @pytest.mark.parametrize(
     ("fields", "message"),
     [
-        ({"read_noise": -1}, r"noise is -1.*>= 0"),
-        ({"read_noise": "some"}, "noise is 'some'"),
+        ({"read_noise": -1}, r"read_noise is -1.*>= 0"),
+        ({"read_noise": "some"}, "read_noise is 'some'"),
         ({"read_noise": 1, "gain": np.nan}, "gain is nan"),
         ({"gain": 1}, r"read_noise is .auto.*beside a gain"),
         ({"full_scale": 0}, r"full_scale is 0.*> 0"),
-        ({"full_scale": 1, "bits": 0}, r"bits is 0.*1 to 32"),
-        ({"bits": 8}, "bits is 8, but full_scale is None"),
+        ({"full_scale": 1, "bits": 0}, r"bits is 0.*>= 1"),
+        ({"full_scale": 1, "bits": 33}, r"bits is 33.*1 to 32"),
+        ({"full_scale": 1, "bits": 8.0}, r"bits is 8.0.*whole number"),
+        ({"bits": 8}, "bits is 8, full_scale is None"),
     ],
 )
 def test_what_no_camera_is(fields, message):
@@ -133,7 +135,28 @@ def test_the_unit_of_y_does_not_matter(scene):
     assert other.x / 1000 == pytest.approx(one.x, abs=1e-3)
 
 
-def test_read_noise_is_estimated_beside_saturated_pixels(scene):
+def test_noise_of_grey_levels_is_counted_once():
+    big = pnp_sci.datasets.embedded_scene(256)
+    y = Sensor(0.2, full_scale=10.0, bits=4).expose(big.y)
+    total = [
+        pnp_sci.solve(y, big.masks, noise=Sensor(full_scale=10.0, bits=bits), iterations=1).settings["noise"][0]
+        for bits in (None, 4)
+    ]
+    assert total[1] == pytest.approx(total[0], rel=1e-3)
+
+
+def test_few_photons_are_not_trusted_more_for_being_few():
+    big = pnp_sci.datasets.embedded_scene(128)
+    camera = Sensor(read_noise=0.1 * float(big.y.max()) / 20, gain=float(big.y.max()) / 20)
+    y = camera.expose(big.y)
+    told, one_number = (
+        pnp_sci.solve(y, big.masks, noise=n) for n in (camera, float(np.sqrt(np.mean(camera.deviation(big.y) ** 2))))
+    )
+    assert quality(told.x, big) > quality(one_number.x, big)
+    assert told.x.mean() == pytest.approx(big.truth.mean(), rel=0.12)
+
+
+def test_read_noise_is_estimated_beside_saturated_pixels():
     big = pnp_sci.datasets.embedded_scene(256)
     camera = Sensor(0.3, full_scale=0.6 * float(big.y.max()))
     y = camera.expose(big.y)
@@ -147,9 +170,11 @@ def test_read_noise_is_estimated_beside_saturated_pixels(scene):
 def test_a_result_tells_the_camera(scene, tmp_path):
     camera = Sensor(0.05, 0.002, 4.0, 8)
     result = pnp_sci.solve(scene.y, scene.masks, noise=camera, iterations=2)
+    assert Sensor(np.float32(0.5), np.float32(2), np.float32(255), np.uint8(16)).step == 255 / (2**16 - 1)
     result.save(tmp_path / "result.npz")
     assert Sensor(**pnp_sci.Result.load(tmp_path / "result.npz").settings["sensor"]) == camera
-    assert result.settings["noise"][0] == pytest.approx(np.sqrt(np.mean(camera.deviation(scene.y) ** 2)), rel=1e-3)
+    known = camera.deviation(scene.y)[~camera.saturated(scene.y)]
+    assert result.settings["noise"][0] == pytest.approx(np.sqrt(np.mean(known**2)), rel=1e-3)
 
 
 def test_a_still_scene_is_found_beside_saturated_pixels():
@@ -160,6 +185,47 @@ def test_a_still_scene_is_found_beside_saturated_pixels():
     result = pnp_sci.solve(camera.expose(clean), big.masks, noise=camera, iterations=5)
     assert result.scene["still"]
     assert result.scene["saturated"] > 0
+
+
+@pytest.mark.parametrize("share", [0.8, 0.5])
+def test_scenes_are_judged_by_what_is_not_saturated(share):
+    """Holes at the saturated pixels of all views at once must make no dark view lit, and no moving scene still."""
+    big = pnp_sci.datasets.embedded_scene(128)
+    dark = big.truth * np.array([1, 0], np.float32)[:, None, None, None]
+    clean = pnp_sci.simulate(dark, big.masks)
+    camera = Sensor(0.0, full_scale=share * float(clean.max()))
+    model = pnp_sci.solve(camera.expose(clean), big.masks, noise=camera, iterations=1).scene
+    assert model["views"] == (True, False)
+    assert not model["still"]
+    camera = Sensor(0.0, full_scale=share * float(big.y.max()))
+    assert not pnp_sci.solve(camera.expose(big.y), big.masks, noise=camera, iterations=1).scene["still"]
+
+
+@pytest.mark.parametrize("algorithm", ["gap", "plain-gap", "admm"])
+@pytest.mark.parametrize("model", [pnp_sci.SceneModel((True, False)), pnp_sci.SceneModel((True, True), (True, False))])
+def test_bounds_with_a_given_scene(scene, camera, algorithm, model):
+    y = camera.expose(scene.y)
+    result = pnp_sci.solve(y, scene.masks, noise=camera, scene=model, algorithm=algorithm, iterations=5)
+    assert result.status.ok
+    assert result.x[1].any() == model.views[1]
+
+
+def test_several_measurements_have_their_own_saturated_pixels(scene, camera):
+    y = np.stack([camera.expose(scene.y), camera.expose(0.8 * scene.y)])
+    together = pnp_sci.solve(y, scene.masks, noise=camera, iterations=5)
+    for n in range(2):
+        alone = pnp_sci.solve(y[n], scene.masks, noise=camera, iterations=5)
+        assert np.array_equal(together.x[n], alone.x)
+        assert together.scene["measurements"][n] == alone.scene
+
+
+@pytest.mark.parametrize("wild", [np.inf, np.nan])
+def test_a_prior_that_fails_is_caught_where_all_is_saturated(scene, wild):
+    ones = np.ones(scene.masks.shape)
+    result = pnp_sci.solve(
+        np.ones_like(scene.y), ones, lambda x, sigma: x * wild, noise=Sensor(full_scale=1.0), iterations=5
+    )
+    assert result.status is pnp_sci.Status.NOT_FINITE
 
 
 def test_everything_saturated_is_a_finite_result(scene):
@@ -175,7 +241,8 @@ def test_a_picture_that_looks_saturated_is_remarked_upon(scene, camera, caplog):
         pnp_sci.solve(camera.expose(scene.y), scene.masks, noise=camera, iterations=1)
         assert not caplog.records
         pnp_sci.solve(camera.expose(scene.y), scene.masks, iterations=1)
-    assert "noise=pnp_sci.Sensor(full_scale=...)" in caplog.text
+        compare(camera.expose(scene.y), scene.masks, [Method("tv", iterations=1), Method("none", iterations=1)])
+    assert [r.message.endswith("noise=pnp_sci.Sensor(full_scale=...)") for r in caplog.records] == [True, True]
     assert not looks_saturated(-np.ones((9, 9)))
 
 

@@ -3,8 +3,9 @@
 from __future__ import annotations
 
 import json
+import logging
 from collections.abc import Sequence
-from dataclasses import asdict, dataclass, field, replace
+from dataclasses import asdict, dataclass, field
 from pathlib import Path
 from typing import Any
 
@@ -15,13 +16,15 @@ from ..arguments import Reference
 from ..errors import InputError
 from ..masks import condition
 from ..operator import as_masks
-from ..problem import check_measurement, check_noise, check_operator, pose
+from ..problem import check_measurement, check_noise, check_operator, measured, pose
 from ..result import Result
 from ..scene import SceneModel
-from ..sensor import Sensor
+from ..sensor import SATURATED, Sensor, looks_saturated
 from .held_back import filled_start, held_back_score
 from .methods import Method, Source
 from .runner import machine, scores
+
+_log = logging.getLogger("pnp_sci")
 
 
 @dataclass(frozen=True, eq=False)
@@ -186,7 +189,7 @@ class _Task:
     planes: np.ndarray  # the same, (V, B, H, W)
     unit: float  # the value of x that is 1 where x spans about [0, 1]
     noise: float  # in the units of y
-    sensor: Sensor  # with that noise, where it was to be estimated
+    sensor: Sensor  # its read noise estimated if that was asked for
     saturated: np.ndarray | None
     scene: SceneModel
     truth: Reference | None
@@ -198,16 +201,17 @@ class _Task:
         (picture,) = check_measurement(y)
         planes = as_masks(masks)
         op, largest = check_operator(planes, picture[None])
-        sensor = check_noise(common["noise"])
+        if not isinstance(common["noise"], Sensor) and looks_saturated(picture):
+            _log.warning(SATURATED)
+        sensor = measured(check_noise(common["noise"]), op, picture)
         problem = pose(op, largest, picture, sensor)
-        noise = problem.typical_noise * problem.unit * largest
         return cls(
             picture,
             masks,
             planes,
             problem.unit,
-            noise,
-            sensor if sensor.read_noise != "auto" else replace(sensor, read_noise=noise),
+            problem.typical_noise * problem.unit * largest,
+            sensor,
             problem.saturated,
             api.choose_scene("auto", problem),
             None if reference is None else Reference(reference, (1, *op.shape)),
@@ -219,7 +223,8 @@ class _Task:
         words = method.python(self.source, **self.common), method.command(self.source, **self.common)
         try:
             score = self.score(method)
-            result = api.solve(self.y, self.masks, **method.arguments(), **self.common)
+            settings: dict[str, Any] = self.common | {"noise": self.sensor}
+            result = api.solve(self.y, self.masks, **method.arguments(), **settings)
         except Exception as error:  # whatever a plugin raises, the other methods go on
             return Trial(method, *words, error=" ".join(str(error).split()) or type(error).__name__)
         if self.truth is None:
@@ -241,7 +246,8 @@ class _Task:
         )
 
     def facts(self) -> dict[str, str]:
-        report, known = condition(self.planes), "given" if self.common["noise"] != "auto" else "estimated"
+        report = condition(self.planes)
+        known = "estimated" if check_noise(self.common["noise"]).read_noise == "auto" else "given"
         views, frames, rows, columns = self.planes.shape
         lines = [line.split(": ", 1) for line in str(report).splitlines() if not line.startswith("Warning")]
         return {
@@ -249,6 +255,7 @@ class _Task:
             "Values": f"{self.y.min():.4g} to {self.y.max():.4g}",
             "Noise": f"{self.noise:.3g} (standard deviation, {known})",
             "Scene": self.scene.reason,
+            **({} if self.saturated is None else {"Saturated": f"{self.saturated.mean():.2%} of the pixels"}),
             **dict(lines),
             **({"Warnings": "; ".join(report.warnings)} if report.warnings else {}),
         }
