@@ -1,4 +1,4 @@
-"""Still scenes and dark views: PSNR and seconds of the scene model against the full one, with tv and flow.
+"""Still scenes and dark views: PSNR and seconds of the scene model against the full one, with tv, flow and auto.
 
 PNP_SCI_DATA=... python benchmarks/scene_model.py
 """
@@ -31,7 +31,8 @@ def main():
         still = np.repeat(scene.truth[:, :1], scene.truth.shape[1], axis=1)
         dark = scene.truth * np.array([1, 0], np.float32)[:, None, None, None]
         pnp_sci.solve(scene.y, scene.masks, "flow", iterations=42)  # compile
-        for prior in ("tv", "flow"):
+        pnp_sci.solve(scene.y, scene.masks, "auto", iterations=32)
+        for prior in ("tv", "flow", "auto"):
             compare(f"{pair}, still", still, scene.masks, prior)
             compare(f"{pair}, second view dark", dark, scene.masks, prior)
             compare(f"{pair}", scene.truth, scene.masks, prior)
