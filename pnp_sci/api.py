@@ -36,9 +36,11 @@ from .solvers import ALGORITHMS, State
 from .threads import limited
 
 EFFORTS = {"fast": 50, "balanced": 100, "best": 200}  # iterations; TV has converged to 0.05 dB by 100 on training clips
-# ... with a learned prior: `video` has 26.1, 27.1 and 27.6 dB then on three pairs of the benchmark, in 7, 13 and 27 s
-OF_NETWORKS = {"fast": 50, "balanced": 70, "best": 110}
-AUTO = {"fast": ("tv", 50), "balanced": ("video", 50), "best": ("video", 110)}
+# ... of a learned prior: `video` has 26.1, 26.7 and 27.6 dB then on three pairs of the benchmark
+OF_NETWORKS = {"fast": 50, "balanced": 60, "best": 110}
+OF_TV = 30  # of them, before a network sees anything
+FRAMES = 20  # of all views together; where more share a pixel of y, a balance takes more calls of a network
+AUTO = {"fast": "tv", "balanced": "video", "best": "video"}
 QUICK = ("tv", "wavelet", "none")  # priors that make no more of a scene than its judge does
 _log = logging.getLogger("pnp_sci")
 
@@ -81,10 +83,10 @@ def solve(
     algorithm : "gap", "plain-gap" or "admm"
         "gap" is accelerated, with a regularised projection where there is noise.
     effort : "fast", "balanced" or "best"
-        At most 50, 100 or 200 iterations, with a learned prior 50, 70 or 110 and, where there is noise, the fewer the
-        more of it; `iterations` overrules that. And what the prior "auto" stands for: "tv", or 50 or 110 iterations of
-        "video"; where PyTorch is missing, "flow" for the latter two. With a `time_budget`, "auto" is the prior that has
-        most to show by then, whatever the effort; see :func:`pnp_sci.recommend`.
+        At most 50, 100 or 200 iterations, with a learned prior 50, 60 (more with more than 20 frames of all views) or
+        110 and, where there is noise, the fewer the more of it; `iterations` overrules that. And what the prior "auto"
+        stands for: "tv" or, for the latter two, "video"; where PyTorch is missing, "flow". With a `time_budget`, "auto"
+        is the prior that has most to show by then, whatever the effort; see :func:`pnp_sci.recommend`.
     scene : "auto", "full" or SceneModel
         What to model. "auto" drops views that are dark and models a scene in which nothing moves by one frame per view;
         `Result.scene` says what was modelled and why, how many pixels of y are saturated, and how many every mask
@@ -157,16 +159,16 @@ def solve(
     most = None
     if isinstance(prior, str) and prior == "auto":
         if time_budget is not None:
-            prior, most = prior_within(time_budget / len(measurements), op.shape), AUTO["best"][1]
+            prior, most = prior_within(time_budget / len(measurements), op.shape), OF_NETWORKS["best"]
         else:
-            prior, most = AUTO[effort] if effort == "fast" or all(map(find_spec, LEARNED)) else ("flow", None)
+            prior = AUTO[effort] if effort == "fast" or all(map(find_spec, LEARNED)) else "flow"
     denoiser = make_prior(prior, device=device, seed=seed, **prior_options)
     if iterations is not None:
         most = iterations
     elif isinstance(denoiser, Stages):
         most = denoiser.calls
     learned = getattr(denoiser, "learned", False)
-    most = most or (OF_NETWORKS if learned else EFFORTS)[effort]
+    most = most or most_iterations(effort, learned, op.shape[0] * op.shape[1])
     tires = learned and iterations is None
     truth = Reference(reference, (len(measurements), *op.shape)) if reference is not None else None
     _warn_of_lost_views(op)
@@ -237,6 +239,14 @@ def solve(
         settings | _provenance(y, masks, problems, begin + aside),
         described,
     )
+
+
+def most_iterations(effort: str, learned: bool, frames: int) -> int:
+    """How many iterations an effort allows, with a learned prior or another, for so many frames of all views."""
+    if learned and effort == "balanced":
+        of_network = (OF_NETWORKS[effort] - OF_TV) * max(frames / FRAMES, 1)
+        return min(round(OF_TV + of_network), OF_NETWORKS["best"])
+    return (OF_NETWORKS if learned else EFFORTS)[effort]
 
 
 def choose_scene(scene: str | SceneModel, problem: Problem, prior: Any = None) -> SceneModel:

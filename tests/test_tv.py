@@ -8,7 +8,7 @@ from scipy.ndimage import gaussian_filter
 from skimage.restoration import denoise_tv_chambolle
 
 from pnp_sci.errors import InputError
-from priors.tv import SETTLE, STEP, TIME_BEFORE, TV, time_weights
+from priors.tv import SETTLE, STEP, TIME_BEFORE, TIME_NOISY, TV, time_weights
 
 
 def steps_and_noise(shape, dtype=np.float64):
@@ -190,6 +190,14 @@ def test_weights_along_time_follow_the_motion():
         denoise(np.stack([still, moving]).astype(np.float32), 0.01)
     assert np.unique(before) == np.float32(TIME_BEFORE)
     assert denoise._weights[0].min() > denoise._weights[1].max()
+
+
+@pytest.mark.parametrize(("sigma", "weight"), [(0.1, TIME_NOISY), (0.3, TIME_BEFORE)])
+def test_with_noise_weights_along_time_are_the_same_everywhere(sigma, weight):
+    denoise = TV()
+    for _ in range(SETTLE):
+        denoise(np.random.default_rng(0).random((2, 4, 20, 30), np.float32), sigma)
+    assert np.unique(denoise._weights) == np.float32(weight)
 
 
 @pytest.mark.parametrize(
