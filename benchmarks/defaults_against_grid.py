@@ -1,9 +1,9 @@
-"""Defaults against the best of a grid for each scene and noise level, which needs the truth: PSNR in dB, mean of views.
+"""Defaults against a search for each scene and noise level, which needs the truth: PSNR in dB, mean of both views.
 
 PNP_SCI_DATA=... python benchmarks/defaults_against_grid.py [tv] [flow]
 
-The grid runs over how far the data are trusted (as if the noise were that multiple of what is estimated), the number of
-iterations, and the prior's own parameters.
+First over a grid of the prior's own parameters, and for tv of the number of iterations; then, from the best of those,
+over how far the data are trusted, as if the noise were that multiple of what is estimated.
 """
 
 import itertools

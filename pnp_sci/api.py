@@ -31,7 +31,7 @@ from .problem import Problem, check_measurement, check_noise, check_operator, po
 from .result import History, Record, Result, Status
 from .scene import SceneModel, full, judge
 from .schedule import contrast, schedule_for
-from .sensor import SATURATED, Sensor, looks_saturated
+from .sensor import Sensor, warn_if_saturated
 from .solvers import ALGORITHMS, State
 from .threads import limited
 
@@ -40,7 +40,6 @@ EFFORTS = {"fast": 50, "balanced": 100, "best": 200}  # iterations; TV has conve
 OF_NETWORKS = {"fast": 50, "balanced": 60, "best": 110}
 OF_TV = 30  # of them, before a network sees anything
 FRAMES = 20  # of all views together; where more share a pixel of y, a balance takes more calls of a network
-AUTO = {"fast": "tv", "balanced": "video", "best": "video"}
 QUICK = ("tv", "wavelet", "none")  # priors that make no more of a scene than its judge does
 _log = logging.getLogger("pnp_sci")
 
@@ -161,23 +160,22 @@ def solve(
         if time_budget is not None:
             prior, most = prior_within(time_budget / len(measurements), op.shape), OF_NETWORKS["best"]
         else:
-            prior = AUTO[effort] if effort == "fast" or all(map(find_spec, LEARNED)) else "flow"
+            prior = "tv" if effort == "fast" else "video" if all(map(find_spec, LEARNED)) else "flow"
     denoiser = make_prior(prior, device=device, seed=seed, **prior_options)
     if iterations is not None:
         most = iterations
     elif isinstance(denoiser, Stages):
         most = denoiser.calls
     learned = getattr(denoiser, "learned", False)
-    most = most or most_iterations(effort, learned, op.shape[0] * op.shape[1])
+    at_most = most or most_iterations(effort, learned, op.shape[0] * op.shape[1])
     tires = learned and iterations is None
     truth = Reference(reference, (len(measurements), *op.shape)) if reference is not None else None
     _warn_of_lost_views(op)
-    if not isinstance(noise, Sensor) and any(map(looks_saturated, measurements)):
-        _log.warning(SATURATED)
+    warn_if_saturated(noise, measurements)
 
     videos = np.empty((len(measurements), *op.shape), op.dtype)
     statuses, records, problems, scenes, allowed = [], [], [], [], []
-    with limited(threads), _bar(progress, most * len(measurements)) as advance:
+    with limited(threads), _bar(progress, at_most * len(measurements)) as advance:
 
         def observe(state: State, record: Record) -> bool:
             advance(record)
@@ -199,7 +197,9 @@ def solve(
             def score(x: np.ndarray, n: int = n, model: SceneModel = model, unit: float = problem.unit):
                 return truth.psnr(model.expand(x, op.shape), n, unit) if truth else None
 
-            allowed.append(schedule_for(reduced, problem.noise, sigma).enough(most) if tires else most)
+            described = model.describe(op)
+            here = most or most_iterations(effort, learned, described["frames_modelled"])
+            allowed.append(schedule_for(reduced, problem.noise, sigma).enough(here) if tires else here)
             limits = Limits(allowed[-1], tol * contrast(reduced), deadline)
             state, status, course = run(states, problem.y, limits, observe, score, problem.saturated)
             x = model.expand(state.x, op.shape)
@@ -207,7 +207,7 @@ def solve(
             statuses.append(status)
             problems.append(problem)
             lost = 0 if problem.saturated is None else int(problem.saturated.sum())
-            scenes.append(model.describe(op) | {"saturated": lost, "closed": int((op.gram == 0).sum())})
+            scenes.append(described | {"saturated": lost, "closed": int((op.gram == 0).sum())})
             records += [replace(record, measurement=n) for record in course]
             if truth and course:
                 records[-1] = replace(records[-1], ssim=truth.ssim(videos[n], n))
@@ -231,18 +231,18 @@ def solve(
     }
     x = videos if np.ndim(y) == 3 else videos[0]
     aside = truth.seconds if truth else 0.0  # the metrics are not the solver's time
-    described = scenes[0] if np.ndim(y) == 2 else {"measurements": scenes}
+    found = scenes[0] if np.ndim(y) == 2 else {"measurements": scenes}
     return Result(
         x,
         Status.worst(statuses),
         History(records),
         settings | _provenance(y, masks, problems, begin + aside),
-        described,
+        found,
     )
 
 
 def most_iterations(effort: str, learned: bool, frames: int) -> int:
-    """How many iterations an effort allows, with a learned prior or another, for so many frames of all views."""
+    """How many iterations an effort allows, with a learned prior or another, if so many frames are modelled."""
     if learned and effort == "balanced":
         of_network = (OF_NETWORKS[effort] - OF_TV) * max(frames / FRAMES, 1)
         return min(round(OF_TV + of_network), OF_NETWORKS["best"])

@@ -126,6 +126,7 @@ def measured(sensor: Sensor, op: SensingOperator, y: np.ndarray) -> Sensor:
     """The camera with its read noise estimated from a measurement (H, W), if it is "auto"."""
     if sensor.read_noise != "auto":
         return sensor
+    y = y.astype(np.float64)
     height = float(np.abs(y).max()) or 1.0
     estimate = height * estimate_noise(op, y / height, sensor.saturated(y))  # of which some is of the grey levels
     rounding = sensor.step / np.sqrt(12)

@@ -48,9 +48,13 @@ class SceneModel:
     reason: str = "as asked for"
 
     def __post_init__(self):
-        views = _bools("views", self.views)  # 0 and 1 would be indices
+        views = _bools("views", self.views, "a tuple of bool")  # 0 and 1 would be indices
         still = self.still
-        still = (bool(still),) * len(views) if isinstance(still, (bool, np.bool_)) else _bools("still", still)
+        still = (
+            (bool(still),) * len(views)
+            if isinstance(still, (bool, np.bool_))
+            else _bools("still", still, "True, False or a tuple of bool")
+        )
         if len(still) != len(views):
             raise InputError(f"still has {len(still)} values: {len(views)} were expected, one for each view")
         object.__setattr__(self, "views", views)
@@ -59,15 +63,15 @@ class SceneModel:
     @property
     def complete(self) -> bool:
         """Whether every view and frame is modelled; then nothing is copied."""
-        return all(self.views) and not self._still.any()
+        return all(self.views) and not self._still_of_lit.any()
 
     @property
     def nothing_moves(self) -> bool:
         """Whether all views that hold anything stand still."""
-        return bool(self._still.all())
+        return bool(self._still_of_lit.all())
 
     @property
-    def _still(self) -> np.ndarray:
+    def _still_of_lit(self) -> np.ndarray:
         """Which of the views that hold anything stand still."""
         return np.array(self.still)[np.array(self.views)]
 
@@ -82,9 +86,9 @@ class SceneModel:
         masks = op.masks[np.array(self.views)]
         if self.nothing_moves:
             masks = masks.sum(1, keepdims=True, dtype=op.dtype)
-        elif self._still.any():
+        elif self._still_of_lit.any():
             masks = masks.astype(op.dtype)
-            masks[self._still] = masks[self._still].mean(1, keepdims=True)
+            masks[self._still_of_lit] = masks[self._still_of_lit].mean(1, keepdims=True)
         return SensingOperator(masks, op.dtype)
 
     def restrict(self, x: np.ndarray) -> np.ndarray:
@@ -92,7 +96,7 @@ class SceneModel:
         if self.complete:
             return x
         kept = x[np.array(self.views)]
-        kept[self._still] = kept[self._still].mean(1, keepdims=True)
+        kept[self._still_of_lit] = kept[self._still_of_lit].mean(1, keepdims=True)
         return kept[:, :1] if self.nothing_moves else kept
 
     def expand(self, x: np.ndarray, shape: tuple[int, ...]) -> np.ndarray:
@@ -109,17 +113,17 @@ class SceneModel:
     def describe(self, op: SensingOperator) -> dict[str, Any]:
         """For `Result.scene`."""
         views, frames = op.shape[:2]
-        modelled = sum(1 if still else frames for still in self._still)
-        alike = self.nothing_moves or not self._still.any()
+        modelled = sum(1 if still else frames for still in self._still_of_lit)
+        alike = self.nothing_moves or not self._still_of_lit.any()
         still = self.nothing_moves if alike else self.still
         return asdict(self) | {"still": still, "frames_modelled": modelled, "frames": views * frames}
 
 
-def _bools(name: str, values: Any) -> tuple[bool, ...]:
+def _bools(name: str, values: Any, expected: str) -> tuple[bool, ...]:
     try:
         return tuple(bool(value) for value in values)
     except (TypeError, ValueError) as error:
-        raise InputTypeError(f"{name} is {values!r}: a tuple of bool was expected") from error
+        raise InputTypeError(f"{name} is {values!r}: {expected} was expected") from error
 
 
 def full(op: SensingOperator, reason: str = "as asked for") -> SceneModel:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import logging
 from dataclasses import dataclass
 from typing import Any, Literal
 
@@ -13,11 +14,9 @@ from .errors import InputError
 CLIPPED, FEW = 1e-3, 16  # portion and number of pixels that have the largest value of y where it was clipped
 AROUND = 1.5  # pixels: width of the mean that tells how much light a pixel gets
 MANY = 1e9  # electrons in a pixel: from here on their noise is normal to all digits
-SATURATED = (
-    "y has many pixels at exactly its largest value: if the camera was saturated there, say so with "
-    "noise=pnp_sci.Sensor(full_scale=...)"
-)
 REACHED = 1e-6  # of the full scale: pixels as close to it as that have reached it
+
+_log = logging.getLogger("pnp_sci")
 
 
 @dataclass(frozen=True, repr=False)
@@ -73,10 +72,11 @@ class Sensor:
                 raise InputError("full_scale is 0: a number > 0 was expected")
         if self.bits is not None:
             store("bits", whole("bits", self.bits, 1))
-            if self.bits > 32 or self.full_scale is None:
+            if self.bits > 32:
+                raise InputError(f"bits is {self.bits}: a whole number from 1 to 32 was expected")
+            if self.full_scale is None:
                 raise InputError(
-                    f"bits is {self.bits}, full_scale is {self.full_scale}: 1 to 32, and the value of the last level, "
-                    "were expected"
+                    f"bits is {self.bits}, but full_scale is None: the value of the last level was expected"
                 )
 
     def __repr__(self) -> str:
@@ -119,7 +119,7 @@ class Sensor:
         constant = float(np.hypot(self.read_noise, self.step / np.sqrt(12)))
         if self.gain == 0:
             return constant
-        light = np.maximum(gaussian_filter(np.maximum(y, 0.0), AROUND, mode="nearest"), self.gain)
+        light = np.maximum(gaussian_filter(y.astype(np.float64), AROUND, mode="nearest"), self.gain)
         return np.hypot(constant, np.sqrt(self.gain) * np.sqrt(light))  # squares could overflow
 
     def saturated(self, y: np.ndarray) -> np.ndarray | None:
@@ -128,6 +128,15 @@ class Sensor:
             return None
         reached = y >= self.full_scale * (1 - REACHED) - self.step / 2
         return reached if reached.any() else None
+
+
+def warn_if_saturated(noise: Any, measurements: np.ndarray) -> None:
+    """Log a warning if one of the measurements (N, H, W) looks saturated, and `noise` does not speak of the camera."""
+    if not isinstance(noise, Sensor) and any(map(looks_saturated, measurements)):
+        _log.warning(
+            "y has many pixels at exactly its largest value: if the camera was saturated there, say so with "
+            "noise=pnp_sci.Sensor(full_scale=...)"
+        )
 
 
 def looks_saturated(y: np.ndarray) -> bool:

@@ -61,8 +61,8 @@ def simulate(
     if isinstance(noise, Sensor):
         if (bits, peak) != (None, None):
             raise InputError(f"bits is {bits}, peak is {peak}: neither was expected beside a Sensor, which has its own")
-    elif not noise >= 0:
-        raise InputError(f"noise is {noise}: a number >= 0 was expected")
+    elif not 0 <= noise < np.inf:
+        raise InputError(f"noise is {noise}: a finite number >= 0 was expected")
     if bits is not None and bits not in range(1, 33):
         raise InputError(f"bits is {bits}: a whole number from 1 to 32 was expected")
     if peak is not None and not 0 < peak < np.inf:

@@ -71,7 +71,7 @@ def test_nothing_is_saturated_without_a_full_scale():
         ({"full_scale": 1, "bits": 0}, r"bits is 0.*>= 1"),
         ({"full_scale": 1, "bits": 33}, r"bits is 33.*1 to 32"),
         ({"full_scale": 1, "bits": 8.0}, r"bits is 8.0.*whole number"),
-        ({"bits": 8}, "bits is 8, full_scale is None"),
+        ({"bits": 8}, "bits is 8, but full_scale is None"),
     ],
 )
 def test_what_no_camera_is(fields, message):
@@ -187,7 +187,7 @@ def test_a_still_scene_is_found_beside_saturated_pixels():
     assert result.scene["saturated"] > 0
 
 
-@pytest.mark.parametrize("share", [0.8, 0.5])
+@pytest.mark.parametrize("share", [0.6, 0.5])
 def test_scenes_are_judged_by_what_is_not_saturated(share):
     """Holes at the saturated pixels of all views at once must make no dark view lit, and no moving scene still."""
     big = pnp_sci.datasets.embedded_scene(128)

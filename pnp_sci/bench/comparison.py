@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import json
-import logging
 from collections.abc import Sequence
 from dataclasses import asdict, dataclass, field
 from pathlib import Path
@@ -19,12 +18,10 @@ from ..operator import as_masks
 from ..problem import check_measurement, check_noise, check_operator, measured, pose
 from ..result import Result
 from ..scene import SceneModel
-from ..sensor import SATURATED, Sensor, looks_saturated
+from ..sensor import Sensor, warn_if_saturated
 from .held_back import filled_start, held_back_score
 from .methods import Method, Source
 from .runner import machine, scores
-
-_log = logging.getLogger("pnp_sci")
 
 
 @dataclass(frozen=True, eq=False)
@@ -201,8 +198,7 @@ class _Task:
         (picture,) = check_measurement(y)
         planes = as_masks(masks)
         op, largest = check_operator(planes, picture[None])
-        if not isinstance(common["noise"], Sensor) and looks_saturated(picture):
-            _log.warning(SATURATED)
+        warn_if_saturated(common["noise"], picture[None])
         sensor = measured(check_noise(common["noise"]), op, picture)
         problem = pose(op, largest, picture, sensor)
         return cls(
@@ -223,6 +219,7 @@ class _Task:
         words = method.python(self.source, **self.common), method.command(self.source, **self.common)
         try:
             score = self.score(method)
+            # the noise as `solve` would estimate it too
             settings: dict[str, Any] = self.common | {"noise": self.sensor}
             result = api.solve(self.y, self.masks, **method.arguments(), **settings)
         except Exception as error:  # whatever a plugin raises, the other methods go on

@@ -22,13 +22,12 @@ OURS = (
     Method("tv"),
     Method("flow"),
     Method("tv+ffdnet"),
-    Method("video"),
-    Method("auto"),
-    Method("auto", effort="best"),
+    Method("video"),  # which "auto" stands for
+    Method("video", effort="best"),
     Method(None, init="ofanet-fast"),
 )
 NETWORK = OURS[-1]  # of two views of ten frames, and not trained on noise
-WITH_NOISE = tuple(m for m in OURS if m.prior in ("tv", "flow", "auto"))  # all would take half an hour more
+WITH_NOISE = tuple(m for m in OURS if m.prior in ("tv", "flow", "video"))  # all would take half an hour more
 WARM = tuple(Method(prior, init=init) for prior in ("tv", "flow", "video") for init in ("adjoint", NETWORK.init))
 AFTER = (5, 10, 20, 50)  # iterations that the table of warm starts shows
 AS_GOOD = 0.05  # dB below the end of the cold start
