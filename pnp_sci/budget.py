@@ -162,7 +162,9 @@ def _options(results: str, like: str | Sequence[int], loading: bool) -> Iterator
             if method["prior"] is None:
                 arguments = {"model": method["init"]}
             else:
-                arguments = {k: v for k, v in method.items() if v != USUAL.get(k)} | {"iterations": moment.iteration}
+                # iterations say all that an effort does, but for what "auto" is
+                usual = USUAL if method["prior"] == "auto" else USUAL | {"effort": method["effort"]}
+                arguments = {k: v for k, v in method.items() if v != usual.get(k)} | {"iterations": moment.iteration}
             if moment.iteration or method["prior"] is None:
                 yield Recommendation(arguments, moment.seconds + wait, moment.psnr, cases)
 
