@@ -67,9 +67,10 @@ class OFaNet(nn.Module):
             The frames that are refined, for training on a part of them: those are the refined video.
         """
         height, width = y.shape[1:]
-        padding = (0, width % 2, 0, height % 2)
-        y = functional.pad(y[:, None], padding, "replicate")[:, 0]
-        masks = functional.pad(masks.flatten(1, 2), padding, "replicate").unflatten(1, masks.shape[1:3])
+        if height % 2 or width % 2:
+            padding = (0, width % 2, 0, height % 2)
+            y = functional.pad(y[:, None], padding, "replicate")[:, 0]
+            masks = functional.pad(masks.flatten(1, 2), padding, "replicate").unflatten(1, masks.shape[1:3])
         images = diversity(y, masks) if self.config.amplifier else y.new_zeros(len(y), 0, *y.shape[1:])
         first = self.separator(normalised(y, masks), images, masks)
         refined = first[:, :, window]

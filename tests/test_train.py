@@ -16,6 +16,7 @@ pytest.importorskip("safetensors")
 _weights = pytest.importorskip("priors._weights")
 clips = pytest.importorskip("pnp_sci.training.clips")
 loop = pytest.importorskip("pnp_sci.training.loop")
+muon = pytest.importorskip("pnp_sci.training.muon")
 data = pytest.importorskip("priors.train.data")
 task = pytest.importorskip("priors.train.task")
 cli = pytest.importorskip("priors.train.__main__")
@@ -42,12 +43,13 @@ def small(monkeypatch):
     torch.set_num_threads(threads)
 
 
-def train(folder, out, name="video", steps=6, frames=8, seed=0, resume=False):
+def train(folder, out, name="video", steps=6, frames=8, seed=0, resume=False, optimizer="adam"):
     """One run of the loop as the command line makes it."""
     material = clips.split(clips.load_clips([folder]))
     sample = task.Sample(frames, 1, 32)
     denoising = task.Denoising(name, *material, sample, seed, out / "weights.safetensors", "by a test")
-    return loop.train(denoising, loop.Budget(out, steps=steps, seed=seed), loop.Place.here(), resume)
+    budget = loop.Budget(out, steps=steps, seed=seed, optimizer=optimizer)
+    return loop.train(denoising, budget, loop.Place.here(), resume)
 
 
 def test_command_line_writes_weights_curves_and_card(folder, tmp_path):
@@ -73,8 +75,9 @@ def test_without_a_scene_to_hold_out_the_curves_say_so(folder, tmp_path, monkeyp
     assert "nan" in (tmp_path / "curves.csv").read_text()
 
 
-def test_resumed_run_equals_an_uninterrupted_one(folder, tmp_path, monkeypatch):
-    train(folder, tmp_path / "whole")
+@pytest.mark.parametrize("optimizer", loop.OPTIMIZERS)
+def test_resumed_run_equals_an_uninterrupted_one(folder, tmp_path, monkeypatch, optimizer):
+    train(folder, tmp_path / "whole", optimizer=optimizer)
 
     def interrupted(trainer, done, step=loop.Trainer.step):
         if trainer.progress.step == 4:
@@ -84,8 +87,8 @@ def test_resumed_run_equals_an_uninterrupted_one(folder, tmp_path, monkeypatch):
     with monkeypatch.context() as patch:
         patch.setattr(loop.Trainer, "step", interrupted)
         with pytest.raises(KeyboardInterrupt):
-            train(folder, tmp_path / "parts")
-    progress = train(folder, tmp_path / "parts", resume=True)
+            train(folder, tmp_path / "parts", optimizer=optimizer)
+    progress = train(folder, tmp_path / "parts", resume=True, optimizer=optimizer)
     assert progress.step == 6
     states = [torch.load(tmp_path / run / "checkpoint.pt", weights_only=True)["network"] for run in ("whole", "parts")]
     assert all(torch.equal(states[0][key], states[1][key]) for key in states[0])
@@ -104,13 +107,40 @@ def test_resuming_a_finished_run_writes_its_files_anew(folder, tmp_path):
 
 def test_resume_refuses_another_run(folder, tmp_path):
     train(folder, tmp_path, steps=2)
-    with pytest.raises(FormatError, match="video with seed 0, but video with seed 1"):
+    with pytest.raises(FormatError, match="video with seed 0 by adam, but video with seed 1 by adam"):
         train(folder, tmp_path, steps=2, seed=1, resume=True)
+    with pytest.raises(FormatError, match="video with seed 0 by adam, but video with seed 0 by muon"):
+        train(folder, tmp_path, steps=2, optimizer="muon", resume=True)
 
 
-def test_learns(folder, tmp_path):
+@pytest.mark.parametrize("shape", [(3, 16, 16), (2, 8, 72), (1, 64, 20)])
+def test_steps_of_muon_are_orthogonal(shape):
+    """Singular values near 1, and the singular vectors of the matrix itself."""
+    matrices = torch.randn(shape, generator=torch.Generator().manual_seed(0))
+    found = muon.orthogonal(matrices)
+    values = torch.linalg.svdvals(found)
+    assert 0.4 < values.median() < 1.3
+    assert values.max() < 1.35
+    left, _, right = torch.linalg.svd(matrices, full_matrices=False)
+    mixed = left.mT @ found @ right.mT
+    assert torch.linalg.matrix_norm(mixed - torch.diag_embed(mixed.diagonal(dim1=1, dim2=2))).max() < 0.15
+
+
+def test_muon_moves_every_kernel_by_its_rate():
+    """Whatever the size of the gradient and of the kernel, the step is as long as Adam's is."""
+    kernels = [torch.nn.Parameter(torch.zeros(shape)) for shape in ((8, 8, 3, 3), (8, 8, 3, 3), (16, 4, 1, 1))]
+    for size, kernel in zip((1e-6, 1, 1e3), kernels):
+        kernel.grad = size * torch.randn(kernel.shape, generator=torch.Generator().manual_seed(0))
+    muon.Muon(kernels, 0.01, 0).step()
+    for kernel in kernels:
+        assert (kernel * kernel.grad).sum() < 0, "downhill"
+        assert kernel.square().mean().sqrt().item() == pytest.approx(0.2 * 0.01, rel=0.4)
+
+
+@pytest.mark.parametrize("optimizer", loop.OPTIMIZERS)
+def test_learns(folder, tmp_path, optimizer):
     """On noise it has hardly seen yet, the net is already better than nothing."""
-    progress = train(folder, tmp_path, name="ffdnet", steps=60, frames=1)
+    progress = train(folder, tmp_path, name="ffdnet", steps=60, frames=1, optimizer=optimizer)
     noisy = -20 * np.log10(40 / 255)
     assert progress.rows[-1][2] < progress.rows[0][2], "the loss falls"
     assert progress.rows[-1][-1] > noisy

@@ -8,7 +8,7 @@ import click
 import torch
 
 from pnp_sci.training.clips import load_clips, split
-from pnp_sci.training.loop import SCHEDULES, Budget, Place, launch, train
+from pnp_sci.training.loop import OPTIMIZERS, SCHEDULES, Budget, Place, launch, train
 
 from .. import _weights
 from ..config import FLOWS, REFINES, OFaNetConfig
@@ -42,6 +42,7 @@ PATH = click.Path(path_type=Path)
 @click.option("--seed", default=0, help="Seed of weights, crops, masks and noise.")
 @click.option("--rate", default=3e-4, help="Highest learning rate.")
 @click.option("--schedule", type=click.Choice(sorted(SCHEDULES)), default="steps", help="steps: the paper's.")
+@click.option("--optimizer", type=click.Choice(OPTIMIZERS), default="adam", help="The paper's, or Muon for kernels.")
 @click.option("--crop", default=256, help="Height and width of a training sample in pixels.")
 @click.option("--batch", default=2, type=click.IntRange(min=1), help="Samples a step and process.")
 @click.option("--window", type=int, help="Frames in a row that are refined in a step, to save time.  [default: all]")
@@ -49,7 +50,7 @@ PATH = click.Path(path_type=Path)
 @click.option("--resume", is_flag=True, help="Continue from the checkpoint in the output folder.")
 def main(
     stage, data, views, frames, amplifier, dual, refine, flow, joint, start, out, weights, minutes, steps, seed, rate,
-    schedule, crop, batch, window, device, resume,
+    schedule, optimizer, crop, batch, window, device, resume,
 ):  # fmt: skip
     """Train OFaNet in three stages: the separator (dns), the flow net (flow), then all of it (joint).
 
@@ -58,7 +59,7 @@ def main(
     way. Works under torchrun.
     """
     out = out or Path("runs") / f"ofanet-{stage}"
-    budget = Budget(out, minutes, steps, seed, rate, schedule)
+    budget = Budget(out, minutes, steps, seed, rate, schedule, optimizer)
     place = Place.here(device)
     torch.manual_seed(seed)
     if stage == "dns":
@@ -69,8 +70,8 @@ def main(
     spent = f"--minutes {minutes:g}" if steps is None else f"--steps {steps}"
     command = (
         f"python -m ofanet_init.train --stage {stage} {' '.join(f'--data {folder.name}' for folder in data)} "
-        f"--views {views} --frames {frames} {spent} --rate {rate:g} --schedule {schedule} --crop {crop} "
-        f"--batch {batch} --seed {seed}"
+        f"--views {views} --frames {frames} {spent} --rate {rate:g} --schedule {schedule} --optimizer {optimizer} "
+        f"--crop {crop} --batch {batch} --seed {seed}"
         + (f" --window {window}" if window else "")
         + "".join(f" --start {path.name}" for path in start)
     )

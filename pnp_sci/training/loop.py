@@ -21,6 +21,7 @@ from torch.nn.parallel import DistributedDataParallel
 from torch.optim.swa_utils import AveragedModel
 
 from ..errors import FormatError
+from .muon import Muon
 
 log = logging.getLogger(__name__)
 
@@ -28,6 +29,8 @@ VALIDATIONS = 20  # in the whole budget, each with a checkpoint
 AGREE = 20  # steps between two looks of all processes at the first one's clock
 WARM_UP = 0.01  # of the budget
 DECAY = 0.999  # of the moving average; less in the beginning, see `moving_average`
+DECAYED = 1e-4  # part of the rate by which each step shrinks the weights
+OPTIMIZERS = ("adam", "muon")
 SCHEDULES: dict[str, Callable[[float], float]] = {  # part of the budget that is spent -> part of the highest rate
     "cosine": lambda done: min(done / WARM_UP, 0.5 + 0.5 * math.cos(math.pi * done)),
     "steps": lambda done: 0.9 ** int(9 * done),  # OFaNet's: 10 % less every ten of ninety epochs
@@ -44,6 +47,7 @@ class Budget:
     seed: int = 0
     rate: float = 1e-3
     schedule: str = "cosine"
+    optimizer: str = "adam"  # or "muon" for the kernels of convolutions, which learns more in a step
 
 
 @dataclass
@@ -147,6 +151,19 @@ def moving_average(averaged: torch.Tensor, current: torch.Tensor, steps: torch.T
     return averaged.lerp(current, max(1 - DECAY, 9 / (9 + int(steps))))
 
 
+def optimizers(network: torch.nn.Module, budget: Budget) -> list[torch.optim.Optimizer]:
+    """What moves the weights that learn: Adam all of them, or Muon the kernels and Adam the others."""
+    learned = [p for p in network.parameters() if p.requires_grad]
+    by_muon = [budget.optimizer == "muon" and p.ndim == 4 for p in learned]
+    kernels, others = ([p for p, so in zip(learned, by_muon) if so == wanted] for wanted in (True, False))
+    found: list[torch.optim.Optimizer] = []
+    if kernels:
+        found.append(Muon(kernels, budget.rate, DECAYED))
+    if others:
+        found.append(torch.optim.AdamW(others, budget.rate, weight_decay=DECAYED, foreach=True))
+    return found
+
+
 class Trainer:
     """Everything that a checkpoint must hold, and the steps that change it."""
 
@@ -154,8 +171,7 @@ class Trainer:
         self.task, self.budget, self.place = task, budget, place
         self.network = task.network.to(place.device, memory_format=torch.channels_last)  # type: ignore[call-overload]
         self.average = AveragedModel(self.network, avg_fn=moving_average)
-        learned = [p for p in self.network.parameters() if p.requires_grad]
-        self.optimizer = torch.optim.AdamW(learned, lr=budget.rate, weight_decay=1e-4, foreach=True)
+        self.optimizers = optimizers(self.network, budget)
         if place.device.type == "cuda":  # on the CPU compiling takes longer than it saves
             torch.backends.cudnn.benchmark = True
             for module in task.compiled:
@@ -174,13 +190,14 @@ class Trainer:
 
     def step(self, done: float) -> torch.Tensor:
         """One step of the optimiser; returns the loss."""
-        for group in self.optimizer.param_groups:
-            group["lr"] = max(self.budget.rate * SCHEDULES[self.budget.schedule](done), 1e-6)
         loss = self.task.loss(self.model, self.place, self.progress.step)
-        self.optimizer.zero_grad()
+        self.network.zero_grad()
         loss.backward()
         torch.nn.utils.clip_grad_norm_(self.network.parameters(), 1.0, foreach=True)
-        self.optimizer.step()
+        for optimizer in self.optimizers:
+            for group in optimizer.param_groups:
+                group["lr"] = max(self.budget.rate * SCHEDULES[self.budget.schedule](done), 1e-6)
+            optimizer.step()
         self.average.update_parameters(self.network)
         self.progress.step += 1
         return loss.detach()
@@ -199,9 +216,10 @@ class Trainer:
         state = {
             "name": self.task.name,
             "seed": self.budget.seed,
+            "optimizer": self.budget.optimizer,
             "network": self.network.state_dict(),
             "average": self.average.state_dict(),
-            "optimizer": self.optimizer.state_dict(),
+            "optimizers": [optimizer.state_dict() for optimizer in self.optimizers],
             "progress": vars(self.progress),
         }
         torch.save(state, out / "checkpoint.partial")
@@ -218,14 +236,15 @@ class Trainer:
         if not checkpoint.is_file():
             raise FormatError(f"resume: {checkpoint} was expected, but there is none")
         state = torch.load(checkpoint, map_location=self.place.device, weights_only=True)
-        if (state["name"], state["seed"]) != (self.task.name, self.budget.seed):
-            raise FormatError(
-                f"resume: the checkpoint is of {state['name']} with seed {state['seed']}, "
-                f"but {self.task.name} with seed {self.budget.seed} was asked for"
-            )
+        held = state["name"], state["seed"], state["optimizer"]
+        asked = self.task.name, self.budget.seed, self.budget.optimizer
+        if held != asked:
+            runs = ("{} with seed {} by {}".format(*run) for run in (held, asked))
+            raise FormatError("resume: the checkpoint is of {}, but {} was asked for".format(*runs))
         self.network.load_state_dict(state["network"])
         self.average.load_state_dict(state["average"])
-        self.optimizer.load_state_dict(state["optimizer"])
+        for optimizer, kept in zip(self.optimizers, state["optimizers"]):
+            optimizer.load_state_dict(kept)
         self.progress = Progress(**state["progress"])
 
 
