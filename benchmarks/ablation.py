@@ -1,0 +1,72 @@
+"""The ablation table of the OFaNet paper at an equal, small training budget: PSNR in dB of every variant.
+
+PNP_SCI_DATA=... python benchmarks/ablation.py MINUTES
+
+Of its MINUTES each variant trains its separator for the one half and everything for the other, from random weights but
+for the flow net: that is pre-trained once, for a quarter of them, as the paper's is. Runs stay in runs/ablation.
+"""
+
+import csv
+import os
+import subprocess
+import sys
+from pathlib import Path
+
+import numpy as np
+import torch
+
+import pnp_sci
+from ofanet_init import _weights
+
+DATA = Path(os.environ["PNP_SCI_DATA"])
+RUNS = Path("runs/ablation")
+PAIRS = ("bear_blackswan", "car-b_car-w", "hike_hockey")
+SEPARATORS = {"W/o DA": "--no-amplifier", "W/o DNS": "--single"}
+REFINES = {"W/o OF": "--flow none", "W/o Br": "--flow forward", "W/o JT": "--frozen", "BRRN": "--refine birecurrent"}
+
+
+def train(name, stage, minutes, options="", *starts):
+    """Weights after that stage; a run that has begun goes on, and one that has ended stays as it is."""
+    out = RUNS / name.replace("/", "").replace(" ", "-").lower()
+    crop = "--crop 64 --batch 2 --window 4" if stage == "joint" else "--crop 96 --batch 4"
+    command = f"-m ofanet_init.train --stage {stage} --minutes {minutes} --out {out} {options} {crop}"
+    command += f" --optimizer muon --schedule cosine --rate 0.001 --data {DATA / 'train_video'}"
+    command += f" --data {DATA / 'train_still'}" + "".join(f" --start {start}" for start in starts)
+    command += " --resume" if (out / "checkpoint.pt").exists() else ""
+    subprocess.run([sys.executable, *command.split()], check=True)
+    return out / "ofanet.safetensors"
+
+
+def scores(weights):
+    """Parameters in millions, PSNR on the trainer's held-out clips, and on the six videos of the three pairs."""
+    with open(weights.with_name("curves.csv"), newline="") as file:
+        held_out = float(list(csv.DictReader(file))[-1]["psnr_refined"])
+    network, _ = _weights.load(weights)
+    pairs = []
+    for name in PAIRS:
+        scene = pnp_sci.datasets.dualview(name)
+        y, masks = (torch.from_numpy(np.float32(a))[None] for a in (scene.y, scene.masks))
+        with torch.inference_mode(), torch.autocast("cpu", torch.bfloat16):
+            video = network(y, masks).refined[0].float().numpy()
+        pairs.append(np.mean(pnp_sci.psnr(video, scene.truth)))
+    return sum(p.numel() for p in network.parameters()) / 1e6, held_out, np.mean(pairs)
+
+
+def main(minutes):
+    half = minutes / 2
+    flow = train("flow", "flow", minutes / 4)
+    separator = train("separator", "dns", half)
+    variants = {"W/o RN": train("W/o RN", "dns", minutes)}
+    for name, option in SEPARATORS.items():
+        own = train(f"separator {name}", "dns", half, option)
+        variants[name] = train(name, "joint", half, option, flow, own)
+    for name, option in REFINES.items():
+        variants[name] = train(name, "joint", half, option, flow, separator)
+    variants["OFaNet"] = train("OFaNet", "joint", half, "", flow, separator)
+    print("| variant | million parameters | held-out clips | three pairs |\n|---|---|---|---|")
+    for name, weights in variants.items():
+        print("| {} | {:.2f} | {:.2f} | {:.2f} |".format(name, *scores(weights)))
+
+
+if __name__ == "__main__":
+    main(float(sys.argv[1]))
