@@ -27,7 +27,7 @@ def _numbers(kind: type) -> object:
 @click.option("--noise", callback=_numbers(float), help="Measure anew with noise, in parts of the largest y; a,b.")
 @click.option("--frames", callback=_numbers(int), help="Measure anew the first frames of each view; a,b.")
 @click.option("--priors", default="tv", show_default=True, help="Comma-separated; a+b joins two; may be empty.")
-@click.option("--inits", default="adjoint", show_default=True, help="Comma-separated first estimates.")
+@click.option("--inits", default="auto", show_default=True, help="Comma-separated first estimates.")
 @click.option("--algorithms", default="gap", show_default=True, help="Comma-separated: gap, plain-gap, admm.")
 @click.option("--efforts", default="balanced", show_default=True, help="Comma-separated: fast, balanced, best.")
 @click.option("--decoders", default="", help="Comma-separated networks that decode alone.")

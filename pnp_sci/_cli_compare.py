@@ -22,7 +22,7 @@ if TYPE_CHECKING:
 @click.option("--index", type=click.IntRange(min=0), help="Of several measurements, this one (from 0).  [default: 0]")
 @click.option("--truth", "truth_file", type=FILE, help="File with the true video: adds PSNR, SSIM and error maps.")
 @click.option("--priors", default="tv,wavelet,flow", show_default=True, help="Comma-separated; a+b joins two.")
-@click.option("--inits", default="adjoint", show_default=True, help="Comma-separated first estimates.")
+@click.option("--inits", default="auto", show_default=True, help="Comma-separated first estimates.")
 @click.option("--algorithms", default="gap", show_default=True, help="Comma-separated: gap, plain-gap, admm.")
 @click.option("--efforts", default="balanced", show_default=True, help="Comma-separated: fast, balanced, best.")
 @click.option("--iterations", type=click.IntRange(min=1), help="At most so many.  [default: as the effort says]")

@@ -19,7 +19,7 @@ from typing import Any
 import numpy as np
 
 from . import registry
-from .arguments import Reference, as_plain, describe, first_estimate, make_prior
+from .arguments import Reference, as_plain, chosen_estimate, describe, first_estimate, make_prior
 from .budget import LEARNED, prior_within
 from .checks import instance, number, one_of, shaped, whole
 from .compose import Stages, weights_of
@@ -48,7 +48,7 @@ def solve(
     y: Any,
     masks: Any,
     prior: Any = "tv",
-    init: Any = "adjoint",
+    init: Any = "auto",
     *,
     algorithm: str = "gap",
     effort: str = "balanced",
@@ -78,7 +78,8 @@ def solve(
         A name (``pnp-sci priors`` lists them) or "auto"; names joined by "+" work together; a callable ``(x, sigma)``;
         a sequence runs its members one after the other, such as ``[("tv", 60), ("wavelet", 20)]``.
     init : str, array_like (V, B, H, W), or callable
-        The first estimate: "adjoint", an installed initialiser, or a video in the units of the result.
+        The first estimate: "adjoint", an installed initialiser, or a video in the units of the result. "auto" is
+        "ofanet-fast" beside a learned prior, where that has weights for so many views and frames, and else "adjoint".
     algorithm : "gap", "plain-gap" or "admm"
         "gap" is accelerated, with a regularised projection where there is noise.
     effort : "fast", "balanced" or "best"
@@ -189,10 +190,15 @@ def solve(
             problem = pose(op, largest, measurement, sensor)
             model = choose_scene(scene, problem, prior)
             reduced = model.reduce(op)
-            states = iterate(  # no name for the first estimate, which is freed after the first step
-                reduced, problem.y, denoiser, model.restrict(first_estimate(init, problem)),
+            if isinstance(init, str) and init == "auto":
+                init, start = chosen_estimate(problem, learned)
+            else:
+                start = first_estimate(init, problem)
+            states = iterate(
+                reduced, problem.y, denoiser, model.restrict(start),
                 algorithm=algorithm, noise=problem.noise, sigma=sigma, saturated=problem.saturated,
             )  # fmt: skip
+            del start  # it is freed after the first step
 
             def score(x: np.ndarray, n: int = n, model: SceneModel = model, unit: float = problem.unit):
                 return truth.psnr(model.expand(x, op.shape), n, unit) if truth else None

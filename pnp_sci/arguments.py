@@ -17,6 +17,8 @@ from .metrics import psnr, ssim
 from .problem import Problem, level
 from .protocols import Denoiser
 
+NETWORK = "ofanet-fast"  # the quickest of the first estimates that are better than "adjoint"
+
 
 def make_prior(prior: Any, *, device: str | None = None, seed: int = 0, **options: Any) -> Denoiser:
     """The denoiser that a `prior` argument of :func:`solve` stands for.
@@ -80,6 +82,19 @@ def first_estimate(init: Any, problem: Problem) -> np.ndarray:
     x = shaped("init", x, op.shape, op.dtype)
     require_finite("init", x)
     return x
+
+
+def chosen_estimate(problem: Problem, learned: bool) -> tuple[str, np.ndarray]:
+    """What the `init` "auto" stands for, by name, and that first estimate.
+
+    Beside a learned prior it is the network's, where it is installed and has weights for such masks.
+    """
+    if learned:
+        try:
+            return NETWORK, first_estimate(NETWORK, problem)
+        except InputError:
+            pass
+    return "adjoint", first_estimate("adjoint", problem)
 
 
 class Reference:

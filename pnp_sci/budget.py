@@ -23,8 +23,9 @@ from .operator import SensingOperator
 MEASURED = Path(__file__).parent / "measured.json"  # made by `pnp-sci bench`; see docs/speed.md
 LEARNED = ("torch", "safetensors")  # what the networks need
 CLASSICAL = ("tv", "wavelet", "flow", "none")
-USUAL = {"init": "adjoint", "algorithm": "gap", "effort": "balanced"}  # of `solve`, left out of a recommendation
+USUAL = {"init": "auto", "algorithm": "gap", "effort": "balanced"}  # of `solve`, left out of a recommendation
 PLAIN = {"prior", "iterations"}
+OF_ANY_SIZE = ("auto", "adjoint")  # first estimates
 
 
 @dataclass(frozen=True)
@@ -171,7 +172,7 @@ def _options(results: str, like: str | Sequence[int], loading: bool) -> Iterator
 
 def _serves(row: dict[str, Any], like: str | Sequence[int]) -> bool:
     """Whether videos of this size can be had so: a network is for as many views and frames as it was measured with."""
-    return isinstance(like, str) or row["method"]["init"] == "adjoint" or row["shape"][:2] == list(like[:2])
+    return isinstance(like, str) or row["method"]["init"] in OF_ANY_SIZE or row["shape"][:2] == list(like[:2])
 
 
 def _must_load(method: dict[str, Any]) -> bool:
@@ -180,7 +181,7 @@ def _must_load(method: dict[str, Any]) -> bool:
 
 
 def _is_learned(method: dict[str, Any]) -> bool:
-    return method["prior"] not in CLASSICAL or method["init"] != "adjoint"
+    return method["prior"] not in CLASSICAL or method["init"] not in OF_ANY_SIZE
 
 
 def _is_like(row: dict[str, Any], like: str | Sequence[int]) -> bool:

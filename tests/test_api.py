@@ -275,6 +275,7 @@ def test_settings_reproduce(scene):
                   noise=s["noise"][0], tol=s["tol"], seed=s["seed"], **s["prior_options"])  # fmt: skip
     assert relative(again.x, result.x) < 1e-5
     assert again.settings["y"] == s["y"]
+    assert again.settings["init"] == s["init"] == "adjoint"
 
 
 @pytest.mark.parametrize(

@@ -288,6 +288,31 @@ def test_warm_start(trained, case, init):
     assert result.status.ok
 
 
+def learned(x, sigma):
+    return x.copy()
+
+
+learned.learned = True
+
+
+@pytest.mark.parametrize(
+    ("frames", "prior", "lowest", "init"),
+    [(4, learned, 0, "ofanet-fast"), (4, "tv", 0, "adjoint"), (3, learned, 0, "adjoint"), (4, learned, -1, "adjoint")],
+    ids=["learned prior", "another", "no weights", "masks that the network cannot take"],
+)
+def test_first_estimate_that_is_chosen(trained, frames, prior, lowest, init):
+    masks = np.random.default_rng(0).uniform(lowest, 1, (2, frames, 32, 32)).astype(np.float32)
+    y = np.stack([masks.sum((0, 1))] * 2)
+    result = pnp_sci.solve(y, masks, prior, iterations=3)
+    assert result.settings["init"] == init
+    assert np.array_equal(result.x, pnp_sci.solve(y, masks, prior, init, iterations=3).x)
+
+
+def test_without_networks_the_first_estimate_is_a_plain_one(trained, case, monkeypatch):
+    monkeypatch.setattr("pnp_sci.arguments.NETWORK", "not installed")
+    assert pnp_sci.solve(*case, learned, iterations=2).settings["init"] == "adjoint"
+
+
 def test_weights_come_back(tmp_path):
     model = make(refine="none", frames=3)
     digest = weights.save(tmp_path / "w.safetensors", model)

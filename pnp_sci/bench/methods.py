@@ -60,7 +60,7 @@ class Method:
     """
 
     prior: str | None
-    init: str = "adjoint"
+    init: str = "auto"
     algorithm: str = "gap"
     effort: str = "balanced"
     iterations: int | None = None
@@ -113,7 +113,7 @@ class Method:
 
 def grid(
     priors: Iterable[str],
-    inits: Iterable[str] = ("adjoint",),
+    inits: Iterable[str] = ("auto",),
     algorithms: Iterable[str] = ("gap",),
     efforts: Iterable[str] = ("balanced",),
     iterations: int | None = None,
