@@ -28,8 +28,14 @@ def load(path: str | Path) -> tuple[OFaNet, str]:
 
 
 def start(network: OFaNet, path: str | Path) -> None:
-    """Take over those weights in `path` that `network` has too: of an earlier stage, or of another configuration."""
+    """Take over those weights in `path` that `network` has too: of an earlier stage, or of another configuration.
+
+    Of kernels for another number of frames, say, the block that both have.
+    """
     tensors, _ = weights.read(path, {"model": "ofanet"}, "python -m ofanet_init.train")
     own = network.state_dict()
-    own.update({key: value for key, value in tensors.items() if key in own and own[key].shape == value.shape})
+    for key in own.keys() & tensors.keys():
+        if own[key].ndim == tensors[key].ndim:
+            block = tuple(slice(min(sizes)) for sizes in zip(own[key].shape, tensors[key].shape))
+            own[key][block] = tensors[key][block]
     network.load_state_dict(own)
