@@ -35,7 +35,7 @@ def figures(scene, y, method, fraction):
     """Mean PSNR, score, PSNR of the reconstruction without the pixels held back, relative residual."""
     result = pnp_sci.solve(y, scene.masks, **method)
     known = {"noise": result.settings["noise"][0], "scene": SceneModel(**kept(result.scene))}
-    known["init"] = filled_start("adjoint")
+    known["init"] = filled_start(result.settings["init"])
     partial = []
 
     def reconstruct(y, masks):

@@ -30,7 +30,8 @@ def load(path: str | Path) -> tuple[OFaNet, str]:
 def start(network: OFaNet, path: str | Path) -> None:
     """Take over those weights in `path` that `network` has too: of an earlier stage, or of another configuration.
 
-    Of kernels for another number of frames, say, the block that both have.
+    Of kernels for another number of frames the block that both have. With other views, or without the amplifier, the
+    planes in it mean something else: a start all the same.
     """
     tensors, _ = weights.read(path, {"model": "ofanet"}, "python -m ofanet_init.train")
     own = network.state_dict()
@@ -38,4 +39,3 @@ def start(network: OFaNet, path: str | Path) -> None:
         if own[key].ndim == tensors[key].ndim:
             block = tuple(slice(min(sizes)) for sizes in zip(own[key].shape, tensors[key].shape))
             own[key][block] = tensors[key][block]
-    network.load_state_dict(own)

@@ -18,6 +18,8 @@ from pnp_sci.problem import Problem
 from . import _weights
 from .network import OFaNet
 
+ROWS = 512  # that the separator decodes at a time: its layers hold several videos' worth of values
+MARGIN = 64  # rows more on either side: none further away has a part in a pixel
 ERROR = 0.1  # standard deviation of the network's errors, where the video spans [0, 1]
 
 _log = logging.getLogger("pnp_sci")
@@ -83,12 +85,22 @@ def _decoded(op: SensingOperator, y: np.ndarray, device: str | None, refine: boo
     network = _network(views, frames, place)
     if refine and not network.refiners:
         _log.warning("OFaNet has no refine net for %d x %d frames yet: its separator decodes alone", views, frames)
-    masks = torch.from_numpy(op.masks.astype(np.float32) / np.float32(largest))[None].to(place)
-    measurement = torch.from_numpy((y / largest).astype(np.float32))[None].to(place)
-    half = torch.autocast(place.type, torch.bfloat16, enabled=half_precision(place))
-    with as_many_threads(), torch.inference_mode(), half:
-        estimates = network(measurement, masks, refine)
-    x = estimates.refined[0].float().cpu().numpy().astype(op.dtype)
+
+    def estimate(rows: slice) -> np.ndarray:
+        masks = torch.from_numpy(op.masks[:, :, rows].astype(np.float32) / np.float32(largest))[None].to(place)
+        measurement = torch.from_numpy((y[rows] / largest).astype(np.float32))[None].to(place)
+        half = torch.autocast(place.type, torch.bfloat16, enabled=half_precision(place))
+        with as_many_threads(), torch.inference_mode(), half:
+            return network(measurement, masks, refine).refined[0].float().cpu().numpy()
+
+    if refine and network.refiners:  # flows see far
+        x = estimate(slice(None)).astype(op.dtype)
+    else:
+        x = np.empty(op.shape, op.dtype)
+        for top in range(0, len(y), ROWS):
+            before = min(top, MARGIN)
+            part = estimate(slice(top - before, top + ROWS + MARGIN))[:, :, before:]
+            x[:, :, top : top + ROWS] = part[:, :, :ROWS]
     return op.project(x, y, (estimate_noise(op, y) / ERROR) ** 2)
 
 

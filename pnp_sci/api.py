@@ -19,7 +19,7 @@ from typing import Any
 import numpy as np
 
 from . import registry
-from .arguments import Reference, as_plain, chosen_estimate, describe, first_estimate, make_prior
+from .arguments import Reference, as_plain, describe, first_estimate, make_prior
 from .budget import LEARNED, prior_within
 from .checks import instance, number, one_of, shaped, whole
 from .compose import Stages, weights_of
@@ -79,7 +79,8 @@ def solve(
         a sequence runs its members one after the other, such as ``[("tv", 60), ("wavelet", 20)]``.
     init : str, array_like (V, B, H, W), or callable
         The first estimate: "adjoint", an installed initialiser, or a video in the units of the result. "auto" is
-        "ofanet-fast" beside a learned prior, where that has weights for so many views and frames, and else "adjoint".
+        "ofanet-fast" on the CPU beside a learned prior (alone or joined by "+"), where there are weights for so many
+        views and frames, and else "adjoint".
     algorithm : "gap", "plain-gap" or "admm"
         "gap" is accelerated, with a regularised projection where there is noise.
     effort : "fast", "balanced" or "best"
@@ -161,7 +162,7 @@ def solve(
         if time_budget is not None:
             prior, most = prior_within(time_budget / len(measurements), op.shape), OF_NETWORKS["best"]
         else:
-            prior = "tv" if effort == "fast" else "video" if all(map(find_spec, LEARNED)) else "flow"
+            prior = prior_for(effort)
     denoiser = make_prior(prior, device=device, seed=seed, **prior_options)
     if iterations is not None:
         most = iterations
@@ -175,7 +176,7 @@ def solve(
     warn_if_saturated(noise, measurements)
 
     videos = np.empty((len(measurements), *op.shape), op.dtype)
-    statuses, records, problems, scenes, allowed = [], [], [], [], []
+    statuses, records, problems, scenes, allowed, starts = [], [], [], [], [], set()
     with limited(threads), _bar(progress, at_most * len(measurements)) as advance:
 
         def observe(state: State, record: Record) -> bool:
@@ -190,10 +191,8 @@ def solve(
             problem = pose(op, largest, measurement, sensor)
             model = choose_scene(scene, problem, prior)
             reduced = model.reduce(op)
-            if isinstance(init, str) and init == "auto":
-                init, start = chosen_estimate(problem, learned)
-            else:
-                start = first_estimate(init, problem)
+            name, start = first_estimate(init, problem, learned)
+            starts.add(name)
             states = iterate(
                 reduced, problem.y, denoiser, model.restrict(start),
                 algorithm=algorithm, noise=problem.noise, sigma=sigma, saturated=problem.saturated,
@@ -222,7 +221,7 @@ def solve(
         "prior": describe(prior, denoiser),
         "prior_options": as_plain(prior_options),
         "weights": weights_of(denoiser),
-        "init": init if isinstance(init, str) else type(init).__name__,
+        "init": starts.pop() if len(starts) == 1 else "auto",
         "algorithm": algorithm,
         "effort": effort,
         "iterations": max(allowed),
@@ -245,6 +244,11 @@ def solve(
         settings | _provenance(y, masks, problems, begin + aside),
         found,
     )
+
+
+def prior_for(effort: str) -> str:
+    """What the prior "auto" stands for, without a time budget."""
+    return "tv" if effort == "fast" else "video" if all(map(find_spec, LEARNED)) else "flow"
 
 
 def most_iterations(effort: str, learned: bool, frames: int) -> int:

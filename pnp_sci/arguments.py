@@ -12,7 +12,7 @@ import numpy as np
 from . import registry
 from .checks import real_array, require_finite, shaped, whole
 from .compose import Joint, Stages, TorchDenoiser, is_torch_module
-from .errors import InputError, InputTypeError
+from .errors import FormatError, InputError, InputTypeError
 from .metrics import psnr, ssim
 from .problem import Problem, level
 from .protocols import Denoiser
@@ -69,8 +69,18 @@ def _identity(x: np.ndarray, sigma: float) -> np.ndarray:
     return x.copy()
 
 
-def first_estimate(init: Any, problem: Problem) -> np.ndarray:
-    """The start (V, B, H, W) that an `init` argument of :func:`solve` stands for, in the units of the problem."""
+def first_estimate(init: Any, problem: Problem, learned: bool = False) -> tuple[str, np.ndarray]:
+    """Name of the start that an `init` argument of :func:`solve` stands for, and that (V, B, H, W), in problem's units.
+
+    Beside a learned prior "auto" is the network's, where it is installed and has weights for such masks.
+    """
+    if isinstance(init, str) and init == "auto":
+        try:
+            return first_estimate(NETWORK if learned else "adjoint", problem)
+        except FormatError:  # weights that are damaged
+            raise
+        except InputError:
+            return first_estimate("adjoint", problem)
     op = problem.op
     if isinstance(init, str):
         x = level(op, problem.y) if init == "adjoint" else registry.load("inits", init)(op, problem.y)
@@ -81,20 +91,7 @@ def first_estimate(init: Any, problem: Problem) -> np.ndarray:
             x = real_array("init", init) / np.float64(problem.unit)
     x = shaped("init", x, op.shape, op.dtype)
     require_finite("init", x)
-    return x
-
-
-def chosen_estimate(problem: Problem, learned: bool) -> tuple[str, np.ndarray]:
-    """What the `init` "auto" stands for, by name, and that first estimate.
-
-    Beside a learned prior it is the network's, where it is installed and has weights for such masks.
-    """
-    if learned:
-        try:
-            return NETWORK, first_estimate(NETWORK, problem)
-        except InputError:
-            pass
-    return "adjoint", first_estimate("adjoint", problem)
+    return init if isinstance(init, str) else type(init).__name__, x
 
 
 class Reference:

@@ -24,7 +24,7 @@ MEASURED = Path(__file__).parent / "measured.json"  # made by `pnp-sci bench`; s
 LEARNED = ("torch", "safetensors")  # what the networks need
 CLASSICAL = ("tv", "wavelet", "flow", "none")
 USUAL = {"init": "auto", "algorithm": "gap", "effort": "balanced"}  # of `solve`, left out of a recommendation
-PLAIN = {"prior", "iterations"}
+PLAIN = {"prior", "init", "iterations"}
 OF_ANY_SIZE = ("auto", "adjoint")  # first estimates
 
 
@@ -111,14 +111,16 @@ def recommend(
 
 
 def prior_within(budget_seconds: float, shape: Sequence[int]) -> str:
-    """The prior that has the best estimate from a plain start by then, "tv" if none has any."""
+    """The prior that has the best estimate by then from the first estimate it gets, "tv" if none has any."""
     begin = time.perf_counter()
     calibrate()
     budget_seconds -= time.perf_counter() - begin
     options = [
         option
         for option in _options(str(MEASURED), shape, loading=True)
-        if option.arguments.keys() == PLAIN and option.arguments["prior"] != "auto"  # which is to be found out
+        if option.arguments.keys() <= PLAIN
+        and option.arguments.get("init", "auto") in OF_ANY_SIZE
+        and option.arguments["prior"] != "auto"  # which is to be found out
     ]
     within = [option for option in options if option.seconds <= budget_seconds]
     return max(within, key=lambda option: option.psnr).arguments["prior"] if within else "tv"
@@ -172,7 +174,8 @@ def _options(results: str, like: str | Sequence[int], loading: bool) -> Iterator
 
 def _serves(row: dict[str, Any], like: str | Sequence[int]) -> bool:
     """Whether videos of this size can be had so: a network is for as many views and frames as it was measured with."""
-    return isinstance(like, str) or row["method"]["init"] in OF_ANY_SIZE or row["shape"][:2] == list(like[:2])
+    init = row["settings"].get("init", row["method"]["init"])
+    return isinstance(like, str) or init == "adjoint" or row["shape"][:2] == list(like[:2])
 
 
 def _must_load(method: dict[str, Any]) -> bool:

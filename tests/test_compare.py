@@ -176,7 +176,7 @@ def test_the_input_is_at_fault_before_any_method_runs():
 
 
 def test_names_say_what_is_unusual():
-    names = [method.name for method in grid(["tv", "tv"], ["adjoint"], ["gap", "admm"], ["balanced", "best"], 7)]
+    names = [method.name for method in grid(["tv", "tv"], ["auto"], ["gap", "admm"], ["balanced", "best"], 7)]
     assert names == [
         "tv, 7 iterations",
         "tv, best, 7 iterations",

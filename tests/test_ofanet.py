@@ -5,6 +5,8 @@ import pytest
 from scipy.ndimage import gaussian_filter
 
 import pnp_sci
+from pnp_sci import registry
+from pnp_sci.bench import compare, grid
 from pnp_sci.errors import DataUnavailableError, FormatError, InputError
 
 torch = pytest.importorskip("torch")
@@ -301,11 +303,44 @@ learned.learned = True
     ids=["learned prior", "another", "no weights", "masks that the network cannot take"],
 )
 def test_first_estimate_that_is_chosen(trained, frames, prior, lowest, init):
-    masks = np.random.default_rng(0).uniform(lowest, 1, (2, frames, 32, 32)).astype(np.float32)
-    y = np.stack([masks.sum((0, 1))] * 2)
-    result = pnp_sci.solve(y, masks, prior, iterations=3)
+    rng = np.random.default_rng(0)
+    masks = rng.uniform(lowest, 1, (2, frames, 32, 32)).astype(np.float32)
+    y = np.stack([pnp_sci.simulate(rng.random(masks.shape, np.float32), masks) for _ in range(2)])
+    result = pnp_sci.solve(y, masks, prior, scene="full", iterations=3)
     assert result.settings["init"] == init
-    assert np.array_equal(result.x, pnp_sci.solve(y, masks, prior, init, iterations=3).x)
+    assert np.array_equal(result.x, pnp_sci.solve(y, masks, prior, init, scene="full", iterations=3).x)
+    other = {"adjoint": "ofanet-fast", "ofanet-fast": "adjoint"}[init]
+    if lowest == 0 and frames == 4:
+        assert not np.allclose(result.x, pnp_sci.solve(y, masks, prior, other, scene="full", iterations=3).x)
+
+
+def test_damaged_weights_are_an_error_and_not_a_plain_start(case, tmp_path, monkeypatch):
+    (tmp_path / "v2b4.safetensors").write_text("no weights")
+    monkeypatch.setattr(weights, "FOLDER", tmp_path)
+    decoder._network.cache_clear()
+    with pytest.raises(FormatError, match="not a safetensors file"):
+        pnp_sci.solve(*case, learned, iterations=1)
+
+
+@pytest.mark.parametrize("rows", [70, 256, 301])
+def test_pictures_are_decoded_by_parts_without_a_seam(trained, monkeypatch, rows):
+    rng = np.random.default_rng(0)
+    masks = (rng.random((2, 4, rows, 32)) < 0.5).astype(np.float32)
+    y = pnp_sci.simulate(rng.random(masks.shape, np.float32), masks)
+    whole = pnp_sci.decode(y, masks, model="ofanet-fast").x
+    monkeypatch.setattr(decoder, "ROWS", 64)
+    assert np.abs(pnp_sci.decode(y, masks, model="ofanet-fast").x - whole).max() < 0.02 * np.ptp(whole)
+
+
+def test_a_learned_prior_is_scored_from_the_start_that_it_gets(trained, case, monkeypatch):
+    started = []
+    monkeypatch.setitem(registry._registered["priors"], "learned", lambda: learned)
+    inits = {"ofanet-fast": lambda op, y: started.append("network") or np.zeros(op.shape, op.dtype)}
+    monkeypatch.setitem(registry._registered, "inits", inits)
+    methods = grid(["learned", "tv"], iterations=2)
+    scored = compare(*case, methods)
+    assert len(started) == 2, "once for the score and once for the result, and never for tv"
+    assert [trial.result.settings["init"] for trial in scored.trials] == ["ofanet-fast", "adjoint"]
 
 
 def test_without_networks_the_first_estimate_is_a_plain_one(trained, case, monkeypatch):

@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 
 from .. import api
-from ..arguments import Reference
+from ..arguments import Reference, make_prior
 from ..errors import InputError
 from ..masks import condition
 from ..operator import as_masks
@@ -218,10 +218,10 @@ class _Task:
     def attempt(self, method: Method) -> Trial:
         words = method.python(self.source, **self.common), method.command(self.source, **self.common)
         try:
+            score = self.score(method)
             # the noise as `solve` would estimate it too
             settings: dict[str, Any] = self.common | {"noise": self.sensor}
             result = api.solve(self.y, self.masks, **method.arguments(), **settings)
-            score = self.score(method, result.settings["init"])
         except Exception as error:  # whatever a plugin raises, the other methods go on
             return Trial(method, *words, error=" ".join(str(error).split()) or type(error).__name__)
         if self.truth is None:
@@ -229,9 +229,11 @@ class _Task:
         psnr, ssim = scores(result.x / self.truth.white, self.truth.array[0] / self.truth.white)
         return Trial(method, *words, result, None, score, psnr, ssim)
 
-    def score(self, method: Method, init: str) -> float:
+    def score(self, method: Method) -> float:
         """Noise and scene are as all pixels tell them: the same for every method, undisturbed by holes."""
-        known = {"init": filled_start(init), "noise": self.sensor, "scene": self.scene}
+        prior = api.prior_for(method.effort) if method.prior == "auto" else method.prior
+        learned = getattr(make_prior(prior), "learned", False)
+        known = {"init": filled_start(method.init, learned), "noise": self.sensor, "scene": self.scene}
         settings = method.arguments() | self.common | known
         return held_back_score(
             lambda y, masks: api.solve(y, masks, **settings).x,

@@ -97,17 +97,18 @@ def held_back_score(
         return float(-10 * np.log10(excess / (white**2 * op.gram[hidden].mean())))
 
 
-def filled_start(init: str) -> Callable[[SensingOperator, np.ndarray], np.ndarray]:
+def filled_start(init: str, learned: bool = False) -> Callable[[SensingOperator, np.ndarray], np.ndarray]:
     """The first estimate of this name, but with pixels that no light reaches filled from their neighbours.
 
     For the reconstructions that are scored: a hidden pixel would start as a black hole, and the score would say how
     fast a method fills holes. Small networks are slow at that, and so are few iterations.
+    `learned` tells whether it is for a learned prior, as "auto" must know.
     """
 
     def start(op: SensingOperator, y: np.ndarray) -> np.ndarray:
         from scipy.ndimage import gaussian_filter
 
-        x = first_estimate(init, Problem(op, y, 1.0, 0.0))
+        _, x = first_estimate(init, Problem(op, y, 1.0, 0.0), learned)
         seen = (op.gram > 0).astype(x.dtype)
         weight = gaussian_filter(seen, 1)
         around = np.divide(gaussian_filter(x * seen, (0, 0, 1, 1)), weight, out=x.copy(), where=weight > 0)

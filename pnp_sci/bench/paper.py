@@ -26,7 +26,7 @@ OURS = (
     Method("video", effort="best"),
     Method(None, init="ofanet-fast"),
 )
-NETWORK = OURS[-1]  # of two views of ten frames, and not trained on noise
+NETWORK = OURS[-1]
 WITH_NOISE = tuple(m for m in OURS if m.prior in ("tv", "flow", "video"))  # all would take half an hour more
 WARM = tuple(Method(prior, init=init) for prior in ("tv", "flow", "video") for init in ("adjoint", NETWORK.init))
 AFTER = (5, 10, 20, 50)  # iterations that the table of warm starts shows
@@ -55,10 +55,9 @@ Columns = dict[Method, dict[str | float, Scores]]
 def plan() -> list[tuple[Case, Method]]:
     """Every case and method that the tables need, of the scenes that are at hand."""
     pairs, singles = (list(filter(_is_at_hand, names)) for names in (DUAL_VIEW_PAIRS, ONE_VIEW))
-    solvers = [method for method in OURS if method is not NETWORK]
     cases = [(Case(pair), method) for method in dict.fromkeys((*OURS, *WARM)) for pair in pairs]
-    cases += [(Case(name), method) for method in solvers for name in singles]
-    cases += [(Case(pair, frames=6), method) for method in solvers for pair in pairs]
+    cases += [(Case(name), method) for method in OURS for name in singles]
+    cases += [(Case(pair, frames=6), method) for method in OURS for pair in pairs]
     return cases + [(Case(pair, noise=noise), method) for noise in NOISES for method in WITH_NOISE for pair in pairs]
 
 
@@ -93,18 +92,16 @@ def dual_view(measured: Measured) -> str:
 
 def single_view(measured: Measured) -> str:
     """Table 6."""
-    solvers = [method for method in OURS if method is not NETWORK]
-    columns: Columns = {method: {} for method in solvers}
-    for name, method in product(ONE_VIEW, solvers):
+    columns: Columns = {method: {} for method in OURS}
+    for name, method in product(ONE_VIEW, OURS):
         if row := measured.get((Case(name), method)):
             columns[method][name] = _scores(row)
-    return _page(SINGLE, columns, {method: _seconds(measured, ONE_VIEW, method) for method in solvers}, "video")
+    return _page(SINGLE, columns, {method: _seconds(measured, ONE_VIEW, method) for method in OURS}, "video")
 
 
 def frames(measured: Measured) -> str:
     """Table 4: averages; the paper's are over twelve videos, ours over the six that are at hand."""
-    solvers = [method for method in OURS if method is not NETWORK]
-    columns = {m: _known({6.0: _mean(measured, m, frames=6), 10.0: _mean(measured, m)}) for m in solvers}
+    columns = {m: _known({6.0: _mean(measured, m, frames=6), 10.0: _mean(measured, m)}) for m in OURS}
     return _page(FRAMES, columns, {}, "frames", OTHERS.format(here=", ".join(_pairs(measured))))
 
 

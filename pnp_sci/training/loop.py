@@ -154,8 +154,8 @@ def moving_average(averaged: torch.Tensor, current: torch.Tensor, steps: torch.T
 def optimizers(network: torch.nn.Module, budget: Budget) -> list[torch.optim.Optimizer]:
     """What moves the weights that learn: Adam all of them, or Muon the kernels and Adam the others."""
     learned = [p for p in network.parameters() if p.requires_grad]
-    by_muon = [budget.optimizer == "muon" and p.ndim == 4 for p in learned]
-    kernels, others = ([p for p, so in zip(learned, by_muon) if so == wanted] for wanted in (True, False))
+    kernels = [p for p in learned if p.ndim == 4 and budget.optimizer == "muon"]
+    others = [p for p in learned if p.ndim != 4 or budget.optimizer != "muon"]
     found: list[torch.optim.Optimizer] = []
     if kernels:
         found.append(Muon(kernels, budget.rate, DECAYED))
@@ -189,7 +189,7 @@ class Trainer:
         return spent.item()
 
     def step(self, done: float) -> torch.Tensor:
-        """One step of the optimiser; returns the loss."""
+        """One step of the optimisers; returns the loss."""
         loss = self.task.loss(self.model, self.place, self.progress.step)
         self.network.zero_grad()
         loss.backward()
@@ -216,7 +216,7 @@ class Trainer:
         state = {
             "name": self.task.name,
             "seed": self.budget.seed,
-            "optimizer": self.budget.optimizer,
+            "by": self.budget.optimizer,
             "network": self.network.state_dict(),
             "average": self.average.state_dict(),
             "optimizers": [optimizer.state_dict() for optimizer in self.optimizers],
@@ -236,7 +236,7 @@ class Trainer:
         if not checkpoint.is_file():
             raise FormatError(f"resume: {checkpoint} was expected, but there is none")
         state = torch.load(checkpoint, map_location=self.place.device, weights_only=True)
-        held = state["name"], state["seed"], state["optimizer"]
+        held = state["name"], state["seed"], state.get("by", "an earlier version")
         asked = self.task.name, self.budget.seed, self.budget.optimizer
         if held != asked:
             runs = ("{} with seed {} by {}".format(*run) for run in (held, asked))

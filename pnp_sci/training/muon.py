@@ -41,7 +41,9 @@ class Muon(torch.optim.Optimizer):
         """The gradient with Nesterov's momentum."""
         assert kernel.grad is not None
         state = self.state[kernel]
-        mean = state.setdefault("momentum", torch.zeros_like(kernel)).lerp_(kernel.grad, 1 - MOMENTUM)
+        if not state:
+            state["momentum"] = torch.zeros_like(kernel)
+        mean = state["momentum"].lerp_(kernel.grad, 1 - MOMENTUM)
         return kernel.grad.lerp(mean, MOMENTUM)
 
 
