@@ -18,7 +18,7 @@ class Denoiser(Protocol):
     same units. Returns a new array of the same shape and dtype. Views must not be mixed.
 
     One with a memory has ``reset()``. One with a true attribute ``learned`` is called fewer times, and the fewer the
-    more noise there is.
+    more noise there is, and starts from a network's estimate unless another is asked for.
     """
 
     def __call__(self, x: np.ndarray, sigma: float) -> np.ndarray:
