@@ -76,7 +76,7 @@ def demo(out: Path, size: int) -> None:
 @click.option("--index", type=click.IntRange(min=0), help="Of several measurements, this one (from 0).")
 @click.option("--prior", default="tv", show_default=True, help="One of `pnp-sci priors`, a+b, or stages a:60,b:20.")
 @click.option("--algorithm", default="gap", show_default=True, help="gap, plain-gap or admm.")
-@click.option("--init", default="auto", show_default=True, help="First estimate; auto: a network's if the prior is learned.")
+@click.option("--init", default="auto", show_default=True, help="First estimate; auto: a network's for learned priors.")
 @click.option("--effort", default="balanced", show_default=True, help="fast, balanced or best.")
 @click.option("--iterations", type=click.IntRange(min=1), help="At most so many.")
 @camera_options
