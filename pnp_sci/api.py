@@ -36,7 +36,7 @@ from .solvers import ALGORITHMS, State
 from .threads import limited
 
 EFFORTS = {"fast": 50, "balanced": 100, "best": 200}  # iterations; TV has converged to 0.05 dB by 100 on training clips
-# ... of a learned prior: `video` has 26.1, 26.7 and 27.6 dB then on three pairs of the benchmark
+# ... of a learned prior: `video` from "adjoint" has 26.1, 26.7 and 27.6 dB then on three pairs of the benchmark
 OF_NETWORKS = {"fast": 50, "balanced": 60, "best": 110}
 OF_TV = 30  # of them, before a network sees anything
 FRAMES = 20  # of all views together; where more share a pixel of y, a balance takes more calls of a network
