@@ -26,10 +26,10 @@ REFINES = {"W/o OF": "--flow none", "W/o Br": "--flow forward", "W/o JT": "--fro
 
 
 def train(name, stage, minutes, options="", *starts):
-    """Weights after that stage; a run that has begun goes on, and one that has ended stays as it is."""
+    """Weights after that stage; a run that has ended stays as it is."""
     out = RUNS / f"{minutes:g}-minutes" / name.replace("/", "").replace(" ", "-").lower()
     options += " --crop 64 --batch 2 --window 4" if stage == "joint" else " --crop 96 --batch 4"
-    options += " --optimizer muon --schedule cosine --rate 0.001"
+    options += " --optimizer muon --schedule cosine --rate 0.001 --validations 1"
     command = [sys.executable, "-m", "ofanet_init.train", "--stage", stage, "--minutes", minutes, "--out", out]
     command += [*options.split(), "--data", DATA / "train_video", "--data", DATA / "train_still"]
     command += [word for start in starts for word in ("--start", start)]

@@ -14,6 +14,8 @@ from .flow import FlowNet
 from .refine import Refiner
 from .separator import Separator
 
+LOUDER = 10.0  # times: so that the residual is seen beside masks and frames, in whose units it is some hundredths
+
 
 class Estimates(NamedTuple):
     """Videos (N, V, B, H, W): the separator's, and the refined one (the same without refine net)."""
@@ -75,21 +77,22 @@ class OFaNet(nn.Module):
         first = self.separator(normalised(y, masks), images, masks)
         refined = first[:, :, window]
         if refine and self.refiners:
-            refined = self._refined(refined.float(), images)
+            residual = normalised(y - (masks * first.float()).sum((1, 2)), masks)
+            refined = self._refined(refined.float(), through(masks[:, :, window], residual), images)
         return Estimates(first[..., :height, :width], refined[..., :height, :width])
 
-    def _refined(self, first: torch.Tensor, images: torch.Tensor) -> torch.Tensor:
-        """All views at once, with the same weights."""
+    def _refined(self, first: torch.Tensor, evidence: torch.Tensor, images: torch.Tensor) -> torch.Tensor:
+        """All views at once, with the same weights; evidence: (N, V, B, 2, H, W)."""
         views = first.shape[1]
-        video = first.flatten(0, 1)
-        images = images.repeat_interleave(views, 0)
+        video, evidence = first.flatten(0, 1), evidence.flatten(0, 1)
+        images = from_each_view(images, views)
         forward, backward = self._flows(video)
         if self.config.refine == "simplified":
             flows = {"none": [], "forward": [forward], "both": [forward, backward]}[self.config.flow]
-            video = self.refiners[0](video, flows, images)
+            video = self.refiners[0](video, evidence, flows, images)
         else:
-            video = self.refiners[0](video, [forward], images)
-            video = self.refiners[1](video.flip(1), [backward.flip(1)], images).flip(1)
+            video = self.refiners[0](video, evidence, [forward], images)
+            video = self.refiners[1](video.flip(1), evidence.flip(1), [backward.flip(1)], images).flip(1)
         return video.unflatten(0, (-1, views))
 
     def _flows(self, video: torch.Tensor) -> tuple[torch.Tensor, torch.Tensor]:
@@ -101,3 +104,18 @@ class OFaNet(nn.Module):
         flows = self.flow.flow(torch.cat([early, late]), torch.cat([late, early]))
         forward, backward = flows.chunk(2)
         return forward.unflatten(0, (len(video), -1)), backward.unflatten(0, (len(video), -1))
+
+
+def through(masks: torch.Tensor, residual: torch.Tensor) -> torch.Tensor:
+    """For each frame its mask, and the residual (N, 1, H, W) through it: (N, V, B, 2, H, W)."""
+    coded = masks * residual[:, None]
+    return torch.stack([masks.expand_as(coded), LOUDER * coded], 3)
+
+
+def from_each_view(images: torch.Tensor, views: int) -> torch.Tensor:
+    """The images D (N, C, H, W) for each view (N V, C, H, W): of either kind its own comes first.
+
+    The refine net is the same for all views, and could not tell otherwise which of the images is whose.
+    """
+    kinds = images.unflatten(1, (-1, views))
+    return torch.stack([kinds.roll(-v, 2) for v in range(views)], 1).flatten(2, 3).flatten(0, 1)

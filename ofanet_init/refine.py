@@ -9,6 +9,7 @@ from .blocks import ResidualUnit, chain, convolution, residual_block
 from .flow import warped
 
 HIDDEN = 40  # channels of the memory H
+EVIDENCE = 2  # planes that come with a frame: its mask, and what is left of the measurement, through that mask
 
 
 class Memory(nn.Module):
@@ -25,12 +26,15 @@ class Memory(nn.Module):
 
 
 class Cell(nn.Module):
-    """One step of the recurrence: ``H[t] = fuse(F_X(x[t]), F_F(flows), F_D(D), F_H(H[t - 1]))``, ``x[t] + R(H[t])``."""
+    """One step of the recurrence: ``H[t] = fuse(F_X(x[t], C[t], C[t] r), F_F(flows), F_D(D), F_H(H[t - 1]))``.
+
+    Its frame is ``x[t] + R(H[t])``.
+    """
 
     def __init__(self, diversity: int, flows: int):
         super().__init__()
         features = ((5, 20), (1, 20), (3, 20), (1, 20), (3, 20))
-        self.f_x = chain(1, *features)
+        self.f_x = chain(1 + EVIDENCE, *features)
         self.f_f = nn.ModuleList(chain(2, (5, 40), (3, 40), (1, 40)) for _ in range(flows))
         self.f_d = chain(diversity, *features) if diversity else None
         self.f_h = Memory()
@@ -42,11 +46,13 @@ class Cell(nn.Module):
             nn.init.zeros_(start)
 
     def forward(
-        self, frame: torch.Tensor, flows: list[torch.Tensor], constant: list[torch.Tensor], hidden: torch.Tensor
-    ) -> tuple[torch.Tensor, torch.Tensor]:
-        """Refine a frame (N, 1, H, W): the new memory (N, 40, H, W) and the new frame."""
+        self, frame: torch.Tensor, evidence: torch.Tensor, flows: list[torch.Tensor], constant: list[torch.Tensor],
+        hidden: torch.Tensor,
+    ) -> tuple[torch.Tensor, torch.Tensor]:  # fmt: skip
+        """Refine a frame (N, 1, H, W), given its evidence (N, 2, H, W): new memory (N, 40, H, W) and new frame."""
         motion = [net(flow / 10) for net, flow in zip(self.f_f, flows)]
-        hidden = self.fuse(torch.cat([self.f_x(frame), *motion, *constant, self.f_h(hidden)], 1))
+        seen = self.f_x(torch.cat([frame, evidence], 1))
+        hidden = self.fuse(torch.cat([seen, *motion, *constant, self.f_h(hidden)], 1))
         return hidden, frame + self.r(hidden)
 
 
@@ -54,7 +60,10 @@ class Refiner(nn.Module):
     """A recurrent pass over the frames of a video, the same for every view.
 
     The paper's text takes x[t] "as a good initialization" where its equation has x[t - 1]; here it is x[t], and R gives
-    what is to be added, so that a net that has learned nothing returns the separator's frame. Where the flow from t
+    what is to be added, so that a net that has learned nothing returns the separator's frame. Beyond the paper, F_X
+    also sees the frame's mask and the normalised residual r of the separator's video through it: what a first estimate
+    has missed is in the measurement more than in the frame. Without them the net had gained nothing after 900 steps,
+    with them 0.36 dB on training samples after 300. Where the flow from t
     back to t - 1 is at hand, the memory is fetched along it, which the paper leaves to the net. The first frame has no
     predecessor: its memory and its flows are zero.
 
@@ -70,8 +79,14 @@ class Refiner(nn.Module):
         super().__init__()
         self.cell = Cell(diversity, flows)
 
-    def forward(self, x: torch.Tensor, flows: list[torch.Tensor], diversity: torch.Tensor) -> torch.Tensor:
-        """Refine x (N, B, H, W), given the images D (N, C, H, W) and flows (N, B - 1, 2, H, W): onward, then back."""
+    def forward(
+        self, x: torch.Tensor, evidence: torch.Tensor, flows: list[torch.Tensor], diversity: torch.Tensor
+    ) -> torch.Tensor:
+        """Refine x (N, B, H, W).
+
+        evidence: (N, B, 2, H, W); flows, onward and then back: (N, B - 1, 2, H, W); diversity, the images D:
+        (N, C, H, W).
+        """
         hidden = x.new_zeros(len(x), HIDDEN, *x.shape[2:])
         still = x.new_zeros(len(x), 2, *x.shape[2:])
         constant = [self.cell.f_d(diversity)] if self.cell.f_d is not None else []
@@ -80,6 +95,6 @@ class Refiner(nn.Module):
             here = [flow[:, t - 1] if t else still for flow in flows]
             if t and len(here) == 2:
                 hidden = warped(hidden, here[1])
-            hidden, frame = self.cell(x[:, t : t + 1], here, constant, hidden)
+            hidden, frame = self.cell(x[:, t : t + 1], evidence[:, t], here, constant, hidden)
             frames.append(frame)
         return torch.cat(frames, 1)

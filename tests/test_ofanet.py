@@ -84,8 +84,8 @@ def test_separator_is_the_papers_table():
 
 def test_refine_net_is_the_papers_table():
     cell = refine.Cell(diversity=4, flows=2)
-    frame, motion, images = torch.zeros(1, 1, 256, 256), torch.zeros(1, 2, 256, 256), torch.zeros(1, 4, 256, 256)
-    hidden = torch.zeros(1, refine.HIDDEN, 256, 256)
+    channels = (1 + refine.EVIDENCE, 2, 4, refine.HIDDEN)
+    frame, motion, images, hidden = (torch.zeros(1, count, 256, 256) for count in channels)
     with torch.inference_mode():
         features = [((5, 5), 20, 256), ((1, 1), 20, 256), ((3, 3), 20, 256), ((1, 1), 20, 256), ((3, 3), 20, 256)]
         assert outputs(cell.f_x, frame) == outputs(cell.f_d, images) == features
@@ -138,10 +138,30 @@ def test_views_share_the_refine_net():
     """What it makes of a view does not depend on the place of that view."""
     model = make(frames=3)
     first = torch.rand(1, 2, 3, 32, 32)
+    evidence = torch.rand(1, 2, 3, refine.EVIDENCE, 32, 32)
     images = torch.rand(1, 4, 32, 32)
+    swapped = images[:, [1, 0, 3, 2]]
     with torch.inference_mode():
-        there, back = model._refined(first, images), model._refined(first.flip(1), images).flip(1)
+        there = model._refined(first, evidence, images)
+        back = model._refined(first.flip(1), evidence.flip(1), swapped).flip(1)
+        mistaken = model._refined(first, evidence, swapped)
     assert torch.allclose(there, back, atol=1e-5)
+    assert not torch.allclose(there, mistaken, atol=1e-3)
+
+
+def test_refine_net_sees_what_the_separator_has_missed():
+    """The residual of the separator's video over the sum of the masks, through the mask of each frame."""
+    model = make(flow="none", frames=3)
+    y, masks = measured(frames=3)
+    y = torch.cat([y, 2 * y])
+    seen = []
+    model.refiners[0].register_forward_pre_hook(lambda _, given: seen.append(given[1].unflatten(0, (2, 2))))
+    with torch.inference_mode():
+        first = model(y, masks, window=slice(1, 3)).first
+    missed = (y - (masks * first).sum((1, 2))) / masks.sum((1, 2)).clamp(min=0.5)
+    shown = masks[:, :, 1:].expand(2, -1, -1, -1, -1)
+    assert torch.equal(seen[0][:, :, :, 0], shown)
+    assert torch.allclose(seen[0][:, :, :, 1], network.LOUDER * shown * missed[:, None, None], atol=1e-5)
 
 
 @pytest.mark.parametrize("fields", [{"views": 0}, {"frames": 2.5}, {"refine": "all"}, {"flow": "backward"}])

@@ -34,9 +34,8 @@ def folder(tmp_path_factory):
 
 
 @pytest.fixture(autouse=True)
-def small(monkeypatch):
-    """Two validations a run, and one thread: more of them only wait for each other on pictures this small."""
-    monkeypatch.setattr(loop, "VALIDATIONS", 2)
+def small():
+    """One thread: more of them only wait for each other on pictures this small."""
     threads = torch.get_num_threads()
     torch.set_num_threads(1)
     yield
@@ -48,13 +47,14 @@ def train(folder, out, name="video", steps=6, frames=8, seed=0, resume=False, op
     material = clips.split(clips.load_clips([folder]))
     sample = task.Sample(frames, 1, 32)
     denoising = task.Denoising(name, *material, sample, seed, out / "weights.safetensors", "by a test")
-    budget = loop.Budget(out, steps=steps, seed=seed, optimizer=optimizer)
+    budget = loop.Budget(out, steps=steps, seed=seed, optimizer=optimizer, validations=2)
     return loop.train(denoising, budget, loop.Place.here(), resume)
 
 
 def test_command_line_writes_weights_curves_and_card(folder, tmp_path):
     weights = tmp_path / "ffdnet.safetensors"
     arguments = f"ffdnet --data {folder} --out {tmp_path / 'run'} --weights {weights} --steps 2 --crop 16 --batch 2"
+    arguments += " --optimizer muon"
     result = CliRunner().invoke(cli.main, arguments.split(), catch_exceptions=False)
     assert result.exit_code == 0, result.output
     _, digest = _weights.load(weights, "ffdnet")
@@ -62,6 +62,7 @@ def test_command_line_writes_weights_curves_and_card(folder, tmp_path):
     assert digest in card
     assert "2 clips (24 frames) and 1 photographs" in card
     assert f"--data {folder.name} --steps 2 --seed 0" in card
+    assert "--optimizer muon" in card
     assert str(folder.parent) not in card, "the card must not tell where things lay"
     curves = (tmp_path / "run" / "curves.csv").read_text().splitlines()
     assert curves[0] == "step,minutes,loss,psnr_5,psnr_15,psnr_25,psnr_40"

@@ -7,6 +7,7 @@ from pathlib import Path
 import click
 import torch
 
+from pnp_sci.errors import InputError
 from pnp_sci.training.clips import load_clips, split
 from pnp_sci.training.loop import OPTIMIZERS, SCHEDULES, Budget, Place, launch, train
 
@@ -20,7 +21,7 @@ PATH = click.Path(path_type=Path)
 
 
 @click.command(context_settings={"show_default": True})
-@click.option("--stage", type=click.Choice(["dns", "flow", "joint"]), required=True, help="What is trained.")
+@click.option("--stage", type=click.Choice(["dns", "flow", "refine", "joint"]), required=True, help="What is trained.")
 @click.option("--data", type=FOLDER, multiple=True, required=True, help="Folder of videos or photographs; repeatable.")
 @click.option("--views", default=2, help="Number of views V.")
 @click.option("--frames", default=10, help="Number of frames B of a view.")
@@ -47,23 +48,26 @@ PATH = click.Path(path_type=Path)
 @click.option("--batch", default=2, type=click.IntRange(min=1), help="Samples a step and process.")
 @click.option("--window", type=int, help="Frames in a row that are refined in a step, to save time.  [default: all]")
 @click.option("--device", default="auto", help="cpu, cuda or auto.")
+@click.option("--validations", default=20, type=click.IntRange(min=1), help="How often the files are renewed.")
 @click.option("--resume", is_flag=True, help="Continue from the checkpoint in the output folder.")
 def main(
     stage, data, views, frames, amplifier, dual, refine, flow, joint, start, out, weights, minutes, steps, seed, rate,
-    schedule, optimizer, crop, batch, window, device, resume,
+    schedule, optimizer, crop, batch, window, device, validations, resume,
 ):  # fmt: skip
-    """Train OFaNet in three stages: the separator (dns), the flow net (flow), then all of it (joint).
+    """Train OFaNet in stages: separator (dns), flow net (flow), the refine net behind both (refine), all of it (joint).
 
-    The stage dns trains the model without refine net. Each stage writes the weights of the whole model; give those of
-    the stages before with --start. Checkpoint, curves (CSV), weights and model card are renewed twenty times on the
-    way. Works under torchrun.
+    The stage dns trains the model without refine net. The stage refine may be left out. Each stage writes the weights
+    of the whole model; give those of the stages before with --start. Checkpoint, curves (CSV), weights and model card
+    are renewed on the way. Works under torchrun.
     """
     out = out or Path("runs") / f"ofanet-{stage}"
-    budget = Budget(out, minutes, steps, seed, rate, schedule, optimizer)
+    budget = Budget(out, minutes, steps, seed, rate, schedule, optimizer, validations)
     place = Place.here(device)
     torch.manual_seed(seed)
     if stage == "dns":
         refine = "none"
+    if stage == "refine" and (refine == "none" or not (start or resume)):
+        raise InputError("stage is refine: a refine net, and weights to --start from, were expected")
     model = OFaNet(OFaNetConfig(views, frames, amplifier, dual, refine, flow, joint))
     for path in start:
         _weights.start(model, path)

@@ -41,7 +41,7 @@ def write_card(stage: Stage, progress: Progress, place: Place, digest: str) -> N
     """Write the card of the stage's weights as they stand."""
     config = stage.model.config
     moving = [len(clip.frames) for clip in stage.training if len(clip.frames) > 1]
-    shown = progress.rows[3::4] if len(progress.rows) > 4 else progress.rows
+    shown = progress.rows[::-4][::-1] if len(progress.rows) > 10 else progress.rows
     text = CARD.format(
         views=config.views,
         frames=config.frames,

@@ -1,4 +1,4 @@
-"""The stages of training: separator, flow net, and all together."""
+"""The stages of training: separator, flow net, refine net, and all together."""
 
 from __future__ import annotations
 
@@ -61,13 +61,19 @@ class Stage:
 
 
 class Reconstruction(Stage):
-    """Stages "dns" and "joint": the video from its measurement. Loss: ``alpha * L_DNS + L_refined``."""
+    """Stages "dns", "refine" and "joint": the video from its measurement. Loss: ``alpha * L_DNS + L_refined``.
+
+    In the stage "refine" only the refine net learns, behind separator and flow net as they are.
+    """
 
     scores = ("psnr_first", "psnr_refined")
 
     def __init__(self, name: str, *rest, **more):
         super().__init__(*rest, **more)
         self.name, self.network = name, self.model
+        if name == "refine":
+            self.model.requires_grad_(False)
+            self.model.refiners.requires_grad_(True)
         cells = [module for module in self.model.modules() if isinstance(module, Cell)]
         self.compiled = [self.model.separator, *cells] + ([self.model.flow] if self.model.flow else [])
 

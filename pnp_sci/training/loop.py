@@ -25,7 +25,6 @@ from .muon import Muon
 
 log = logging.getLogger(__name__)
 
-VALIDATIONS = 20  # in the whole budget, each with a checkpoint
 AGREE = 20  # steps between two looks of all processes at the first one's clock
 WARM_UP = 0.01  # of the budget
 DECAY = 0.999  # of the moving average; less in the beginning, see `moving_average`
@@ -48,6 +47,7 @@ class Budget:
     rate: float = 1e-3
     schedule: str = "cosine"
     optimizer: str = "adam"  # or "muon" for the kernels of convolutions, which learns more in a step
+    validations: int = 20  # in the whole budget, each with a checkpoint; their time does not count
 
 
 @dataclass
@@ -255,7 +255,7 @@ def train(task: Task, budget: Budget, place: Place, resume: bool = False) -> Pro
         trainer.resume()
     progress, clock, losses = trainer.progress, Clock(), []
     done = trainer.done()
-    mark = int(done * VALIDATIONS)
+    mark = int(done * budget.validations)
     if done >= 1 and place.rank == 0:
         trainer.publish()
     while done < 1:
@@ -265,8 +265,8 @@ def train(task: Task, budget: Budget, place: Place, resume: bool = False) -> Pro
                 torch.cuda.synchronize()  # else the clock runs ahead of the device
             progress.seconds += clock.lap()
             done = trainer.done()
-        if int(done * VALIDATIONS) > mark:
-            mark = int(done * VALIDATIONS)
+        if int(done * budget.validations) > mark:
+            mark = int(done * budget.validations)
             loss, losses = torch.stack(losses).mean().item(), []
             row = [progress.step, round(progress.seconds / 60, 3), loss, *trainer.validate()]
             progress.rows.append(row)

@@ -10,7 +10,7 @@ import numba
 import torch
 
 from pnp_sci.training.clips import load_clips, split
-from pnp_sci.training.loop import Budget, Place, launch, train
+from pnp_sci.training.loop import OPTIMIZERS, Budget, Place, launch, train
 
 from .task import Denoising, Sample
 
@@ -38,22 +38,25 @@ PATH = click.Path(path_type=Path)
     help="Height and width of a sample in pixels.  [default: 96 of clips, 64 of images]",
 )
 @click.option("--batch", type=click.IntRange(min=1), help="Samples a step and process.  [default: 1 clip or 16 images]")
+@click.option("--optimizer", type=click.Choice(OPTIMIZERS), default="adam", help="Adam, or Muon for the kernels.")
+@click.option("--validations", default=20, type=click.IntRange(min=1), help="How often the files are renewed.")
 @click.option("--resume", is_flag=True, help="Continue from the checkpoint in the output folder.")
-def main(name, data, out, weights, minutes, steps, seed, rate, crop, batch, resume):
+def main(name, data, out, weights, minutes, steps, seed, rate, crop, batch, optimizer, validations, resume):
     """Train the prior NAME on a folder of videos; for the image net, of photographs too.
 
     The video net starts from the image net of this package, which cleans the frames that it sees: to train both, train
     that first, with --weights priors/weights/ffdnet.safetensors.
-    Checkpoint, curves (CSV), weights and model card are renewed twenty times on the way. Works under torchrun.
+    Checkpoint, curves (CSV), weights and model card are renewed on the way. Works under torchrun.
     """
     out = out or Path("runs") / name
     asked = {key: value for key, value in (("crop", crop), ("batch", batch)) if value is not None}
-    budget = Budget(out, minutes, steps, seed, rate)
+    budget = Budget(out, minutes, steps, seed, rate, optimizer=optimizer, validations=validations)
     sample = replace(SAMPLES[name], **asked)
     folders = " ".join(f"--data {folder.name}" for folder in data)
     spent = f"--minutes {minutes:g}" if steps is None else f"--steps {steps}"
     size = "".join(f" --{key} {value}" for key, value in asked.items())
-    command = f"python -m priors.train {name} {folders} {spent} --seed {seed} --rate {rate:g}{size}"
+    learning = f"--seed {seed} --rate {rate:g} --optimizer {optimizer}"
+    command = f"python -m priors.train {name} {folders} {spent} {learning}{size}"
 
     def run() -> None:
         numba.set_num_threads(min(torch.get_num_threads(), numba.get_num_threads()))  # as torchrun shares them

@@ -32,7 +32,7 @@ pixel by more than {limit:g} standard deviations. Weights in half precision; SHA
 | hardware | {hardware} |
 | software | torch {torch} |
 
-Loss: absolute error over the square root of sigma. AdamW, cosine schedule, exponential moving average of the weights.
+Loss: absolute error over the square root of sigma; cosine schedule, exponential moving average of the weights.
 Noise: standard deviation mostly log-uniform in 5-50 of 255, else uniform in 0-75; white, and for {share:.0%} of the
 samples partly masked and shared by the frames, as the residual of a snapshot is.
 {start}
