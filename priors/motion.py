@@ -46,7 +46,15 @@ class Motion:
         return np.sqrt(squares) / total
 
 
-def measure(view: np.ndarray, neighbours: int, tolerance: float, drift: float) -> Motion:
+@dataclass(frozen=True)
+class Search:
+    """How flow is searched: by so many steps of gradient descent for each patch, then smoothed so many times."""
+
+    steps: int
+    smoothings: int
+
+
+def measure(view: np.ndarray, neighbours: int, tolerance: float, drift: float, search: Search) -> Motion:
     """The motion of a view (B, H, W), C-ordered, values about [0, 1], from each frame to those up to `neighbours` away.
 
     `tolerance` is the difference, `drift` the distance in pixels between there and back, at which the weight is 1/e.
@@ -70,11 +78,11 @@ def measure(view: np.ndarray, neighbours: int, tolerance: float, drift: float) -
     def estimate(p: int) -> None:
         b, n = near[p]
         # Dense inverse search made anew each time: on small pictures it changes its scales, and it keeps them.
-        search = cv2.DISOpticalFlow.create(cv2.DISOPTICAL_FLOW_PRESET_MEDIUM)
-        search.setPatchStride(4)  # a third quicker than 3 pixels, 25 and 5 steps, and as accurate here
-        search.setGradientDescentIterations(8)
-        search.setVariationalRefinementIterations(3)
-        there = search.calc(pictures[b], pictures[n], None)  # type: ignore[call-overload, arg-type]
+        dis = cv2.DISOpticalFlow.create(cv2.DISOPTICAL_FLOW_PRESET_MEDIUM)
+        dis.setPatchStride(4)  # a third quicker than 3 pixels, and as accurate here
+        dis.setGradientDescentIterations(search.steps)
+        dis.setVariationalRefinementIterations(search.smoothings)
+        there = dis.calc(pictures[b], pictures[n], None)  # type: ignore[call-overload, arg-type]
         np.clip(np.rint(kernels.FRACTION * there), -limit, limit, out=there)
         flow[p] = there
 

@@ -9,7 +9,7 @@ import pnp_sci
 from pnp_sci import datasets
 from pnp_sci.errors import InputError
 from priors import assisted, flow
-from priors.flow import Flow
+from priors.flow import SEARCH, Flow
 from priors.motion import measure
 from priors.tv import TV
 
@@ -25,14 +25,14 @@ def moving():
 
 
 def test_the_flow_is_that_of_the_scene(moving):
-    motion = measure(moving[0], neighbours=2, tolerance=0.1, drift=1.5)
+    motion = measure(moving[0], neighbours=2, tolerance=0.1, drift=1.5, search=SEARCH)
     for (b, n), field in zip(motion.pairs, motion.flow / 64):
         np.testing.assert_allclose(np.median(field, axis=(0, 1)), (2 * (n - b), n - b), atol=0.1)
 
 
 def test_averaging_along_motion_keeps_the_scene_and_lowers_noise(moving):
     rng = np.random.default_rng(0)
-    motion = measure(moving[0], neighbours=3, tolerance=0.2, drift=1.5)
+    motion = measure(moving[0], neighbours=3, tolerance=0.2, drift=1.5, search=SEARCH)
     same, less = np.empty_like(moving[0]), np.empty_like(moving[0])
     motion.average(moving[0], same)
     inner = (slice(None), slice(16, -16), slice(16, -16))
@@ -45,7 +45,7 @@ def test_averaging_along_motion_keeps_the_scene_and_lowers_noise(moving):
 def test_strangers_do_not_help():
     """Frames without anything in common are left alone."""
     frames = np.random.default_rng(0).random((3, 64, 64)).astype(np.float32)
-    motion = measure(frames, neighbours=2, tolerance=0.05, drift=1.5)
+    motion = measure(frames, neighbours=2, tolerance=0.05, drift=1.5, search=SEARCH)
     assert motion.weights.mean() < 2.55
 
 

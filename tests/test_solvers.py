@@ -1,5 +1,7 @@
 """Single steps of the solvers against their formulas, and the solution that all of them lead to."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
@@ -37,15 +39,38 @@ def run(step, problem, denoise, iterations, sigma=0.1, rho=0.0):
 
 
 def test_accelerated_gap_is_the_accumulated_measurement(problem):
-    """y_acc <- y_acc + (y - Phi x);  v <- x + Phi^T (y_acc - Phi x) / gram;  x <- D(v), in numpy from masks alone."""
+    """y_acc <- y_acc + tau (y - Phi x);  v <- x + Phi^T (y_acc - Phi x) / gram;  x <- D(v), from masks alone."""
     op, y, x = problem
     masks = op.masks.astype(float)
-    gram, accumulated = (masks**2).sum((0, 1)), y.copy()
+    gram, accumulated, state = (masks**2).sum((0, 1)), y.copy(), start(op, y, x)
+    paces = set()
     for _ in range(12):
+        paces.add(state.pace)
         measured = (masks * x).sum((0, 1))
-        accumulated = accumulated + (y - measured)
+        accumulated = accumulated + state.pace * (y - measured)
         x = soften(x + masks * (accumulated - measured) / gram, 0.1)
-    np.testing.assert_allclose(run(gap_step, problem, soften, 12).x, x, rtol=1e-9)
+        state = gap_step(op, y, soften, state, 0.1)
+    assert len(paces) > 1
+    np.testing.assert_allclose(state.x, x, rtol=1e-9)
+
+
+@pytest.mark.parametrize("rho", [0.0, 0.7])
+def test_the_limit_of_gap_is_the_same_at_any_pace(problem, rho):
+    """A state that hardly changes any more does not at another pace either; wrong limits differ by a tenth."""
+    op, y, _ = problem
+    state = run(gap_step, problem, soften, 2000, rho=rho)
+    for pace in (1.0, 2.5, 4.0):
+        after = gap_step(op, y, soften, replace(state, pace=pace), 0.1, rho)
+        np.testing.assert_allclose(after.x, state.x, atol=2e-5)
+
+
+def test_the_pace_keeps_a_prior_stable_that_a_constant_one_does_not(problem):
+    """Without a prior a pace of 2 or more is too much: it falls, and the measurement is met."""
+    op, y, x = problem
+    state = replace(start(op, y, x), pace=4.0)
+    for _ in range(100):
+        state = gap_step(op, y, lambda v, sigma: v.copy(), state, 0.1)
+    assert np.abs(state.residual).max() < 1e-9 * np.abs(y).max()
 
 
 @pytest.mark.parametrize("rho", [0.0, 0.7])

@@ -26,6 +26,8 @@ class State:
         What the solver has accumulated: GAP a multiplier per pixel of y, ADMM one per pixel of x.
     sigma : float
         What the denoiser was called with to get x; NaN for the first estimate.
+    pace : float
+        How many residuals GAP adds to its multiplier in the next iteration.
     """
 
     iteration: int
@@ -33,6 +35,7 @@ class State:
     residual: np.ndarray
     dual: np.ndarray
     sigma: float = float("nan")
+    pace: float = 1.0
 
 
 class Step(Protocol):
