@@ -48,7 +48,7 @@ class Motion:
 
 @dataclass(frozen=True)
 class Search:
-    """How flow is searched: by so many steps of gradient descent for each patch, then smoothed so many times."""
+    """How hard flow is looked for: steps of gradient descent for each patch, then smoothings of the whole."""
 
     steps: int
     smoothings: int
@@ -57,7 +57,8 @@ class Search:
 def measure(view: np.ndarray, neighbours: int, tolerance: float, drift: float, search: Search) -> Motion:
     """The motion of a view (B, H, W), C-ordered, values about [0, 1], from each frame to those up to `neighbours` away.
 
-    `tolerance` is the difference, `drift` the distance in pixels between there and back, at which the weight is 1/e.
+    `tolerance` is the difference, `drift` the distance in pixels between there and back, at which the weight is 1/e;
+    `search` says how hard the flow is looked for.
     Frames are compared twice: as they are, and once more after they have been averaged by these first weights.
     """
     import cv2
