@@ -48,7 +48,7 @@ class Schedule:
     last: float
 
     def enough(self, most: int) -> int:
-        """How many of `most` iterations are of use to a network: all without noise, 50 with much, 110 with little.
+        """How many of `most` iterations are of use to a network: all without noise, 50 with much, to 110 with little.
 
         Without noise PSNR rises on. With noise it is highest some ten or twenty calls of the network after sigma has
         fallen; called time and again, the network takes noise for texture. On clips of the validation PSNR is highest

@@ -175,7 +175,7 @@ def test_video_is_better_than_flow_in_both_views():
     assert (pnp_sci.psnr(video, scene.truth) > pnp_sci.psnr(flow, scene.truth)).all()
 
 
-@pytest.mark.parametrize(("effort", "iterations"), [("balanced", 60), ("best", 110)])
+@pytest.mark.parametrize(("effort", "iterations"), [("balanced", 60), ("best", 80)])
 def test_auto_is_video(effort, iterations):
     pytest.importorskip("torch")
     scene = datasets.embedded_scene(32)
