@@ -24,7 +24,7 @@ from .budget import LEARNED, prior_within
 from .checks import instance, number, one_of, shaped, whole
 from .compose import Stages, weights_of
 from .errors import InputError
-from .loop import Limits, iterate, run
+from .loop import Limits, averaged, iterate, run
 from .masks import views_are_separable
 from .operator import SensingOperator
 from .problem import Problem, check_measurement, check_noise, check_operator, pose
@@ -36,10 +36,12 @@ from .solvers import ALGORITHMS, State
 from .threads import limited
 
 EFFORTS = {"fast": 50, "balanced": 100, "best": 200}  # iterations; TV has converged to 0.05 dB by 100 on training clips
-# ... of a learned prior: on clips of the validation `video` has 29.4, 29.8 and 30.0 dB then, and 30.0 after 110 too
-OF_NETWORKS = {"fast": 50, "balanced": 60, "best": 80}
-OF_TV = 30  # of them, before a network sees anything
-FRAMES = 20  # of all views together; where more share a pixel of y, a balance takes more calls of a network
+# Of a learned prior, 30 calls of TV and then, except for the fast effort, so many of a network for each frame of all
+# views, but 30 to 50. On clips of the validation `video` has 30.0 dB with two views of 10 frames after 50 of these and
+# after 80; two views of 6 have as much after 30 as after 50, one of 8 as much after 20.
+OF_TV = 30
+PER_FRAME = {"balanced": 1.5, "best": 2.5}
+LEAST, MOST = 30, 50
 QUICK = ("tv", "wavelet", "none")  # priors that make no more of a scene than its judge does
 _log = logging.getLogger("pnp_sci")
 
@@ -84,10 +86,11 @@ def solve(
     algorithm : "gap", "plain-gap" or "admm"
         "gap" is accelerated, with a regularised projection where there is noise.
     effort : "fast", "balanced" or "best"
-        At most 50, 100 or 200 iterations, with a learned prior 50, 60 (more with more than 20 frames of all views) or
-        80 and, where there is noise, the fewer the more of it; `iterations` overrules that. And what the prior "auto"
-        stands for: "tv" or, for the latter two, "video"; where PyTorch is missing, "flow". With a `time_budget`, "auto"
-        is the prior that has most to show by then, whatever the effort; see :func:`pnp_sci.recommend`.
+        At most 50, 100 or 200 iterations. With a learned prior 50, 60 or 60; from 20 frames of all views on 1.5 more
+        for each with "balanced", from 12 on 2.5 with "best", up to 80; and where there is noise, the fewer the more of
+        it. `iterations` overrules that. And what the prior "auto" stands for: "tv" or, for the latter two, "video";
+        where PyTorch is missing, "flow". With a `time_budget`, "auto" is the prior that has most to show by then,
+        whatever the effort; see :func:`pnp_sci.recommend`.
     scene : "auto", "full" or SceneModel
         What to model. "auto" drops views that are dark and models a scene in which nothing moves by one frame per view;
         `Result.scene` says what was modelled and why, how many pixels of y are saturated, and how many every mask
@@ -160,7 +163,7 @@ def solve(
     most = None
     if isinstance(prior, str) and prior == "auto":
         if time_budget is not None:
-            prior, most = prior_within(time_budget / len(measurements), op.shape), OF_NETWORKS["best"]
+            prior, most = prior_within(time_budget / len(measurements), op.shape), OF_TV + MOST
         else:
             prior = prior_for(effort)
     denoiser = make_prior(prior, device=device, seed=seed, **prior_options)
@@ -198,6 +201,8 @@ def solve(
                 algorithm=algorithm, noise=problem.noise, sigma=sigma, saturated=problem.saturated,
             )  # fmt: skip
             del start  # it is freed after the first step
+            if learned:
+                states = averaged(states)
 
             def score(x: np.ndarray, n: int = n, model: SceneModel = model, unit: float = problem.unit):
                 return truth.psnr(model.expand(x, op.shape), n, unit) if truth else None
@@ -253,10 +258,9 @@ def prior_for(effort: str) -> str:
 
 def most_iterations(effort: str, learned: bool, frames: int) -> int:
     """How many iterations an effort allows, with a learned prior or another, if so many frames are modelled."""
-    if learned and effort == "balanced":
-        of_network = (OF_NETWORKS[effort] - OF_TV) * max(frames / FRAMES, 1)
-        return min(round(OF_TV + of_network), OF_NETWORKS["best"])
-    return (OF_NETWORKS if learned else EFFORTS)[effort]
+    if not learned or effort == "fast":
+        return EFFORTS[effort]
+    return OF_TV + round(min(max(PER_FRAME[effort] * frames, LEAST), MOST))
 
 
 def choose_scene(scene: str | SceneModel, problem: Problem, prior: Any = None) -> SceneModel:

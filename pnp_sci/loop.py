@@ -9,6 +9,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from . import _kernels
 from .checks import shaped
 from .compose import reset
 from .operator import SensingOperator
@@ -18,6 +19,9 @@ from .schedule import schedule_for
 from .solvers import ALGORITHMS, State, missing, start
 
 EXPLODED = 10.0  # relative residual that no useful iterate has: x = 0 has 1
+# What the newest estimate counts in the mean. On clips of the validation one view of 8 frames gains 0.2 to 0.4 dB, two
+# of 10 lose 0.01 after 60 iterations and gain 0.02 after 80; 0.2 is as good, but later, and 0.1 too late.
+SHARE = 0.3
 PLATEAU = 5  # iterations in a row that must be below the tolerance
 
 
@@ -78,6 +82,28 @@ def iterate(
         if state.iteration and strength != state.sigma:  # what the solver has accumulated is in units of sigma
             state = replace(state, dual=state.dual * op.dtype.type(strength / state.sigma))
         state = step(op, y, denoise, state, strength, rho, saturated)
+
+
+def averaged(states: Iterator[State]) -> Iterator[State]:
+    """Each state with the mean of its estimate and the earlier ones: 0.3 of itself, 0.7 of the mean before it.
+
+    A denoiser that measures motion changes its mind with each new measurement, and the iterates with it; what they have
+    in common is nearer to the truth. The solver itself goes on from the iterates. The residual is that of the mean.
+    """
+    mean = next(states)
+    yield mean  # before the first iteration: no estimate of the solver's
+    for state in states:
+        if mean.iteration:
+            x, residual = (_blend(*pair) for pair in ((mean.x, state.x), (mean.residual, state.residual)))
+            state = replace(state, x=x, residual=residual)
+        mean = state
+        yield mean
+
+
+def _blend(old: np.ndarray, new: np.ndarray) -> np.ndarray:
+    out = np.empty(new.shape, new.dtype)
+    _kernels.blend(old.ravel(), new.ravel(), new.dtype.type(SHARE), out.reshape(-1))
+    return out
 
 
 def _in_place(denoiser: Denoiser) -> Denoiser:
