@@ -201,7 +201,7 @@ def solve(
                 algorithm=algorithm, noise=problem.noise, sigma=sigma, saturated=problem.saturated,
             )  # fmt: skip
             del start  # it is freed after the first step
-            if learned:
+            if getattr(denoiser, "restless", False):
                 states = averaged(states)
 
             def score(x: np.ndarray, n: int = n, model: SceneModel = model, unit: float = problem.unit):

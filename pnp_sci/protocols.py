@@ -18,8 +18,8 @@ class Denoiser(Protocol):
     same units. Returns a new array of the same shape and dtype. Views must not be mixed.
 
     One with a memory has ``reset()``. One with a true attribute ``learned`` is called fewer times, and the fewer the
-    more noise there is, and starts from a network's estimate unless another is asked for; what comes out is a mean over
-    its last estimates.
+    more noise there is, and starts from a network's estimate unless another is asked for. Of one with a true attribute
+    ``restless``, whose answers depend on what it measures anew from time to time, the last estimates are averaged.
     """
 
     def __call__(self, x: np.ndarray, sigma: float) -> np.ndarray:

@@ -72,6 +72,7 @@ class Assisted:
             raise InputError(f"first is {first!r}: a whole number >= 0 was expected")
         self.net, self.without, self.beside = net, without, beside
         self.stronger, self.first = stronger, int(first)
+        self.restless = getattr(net, "restless", False)
         self.reset()
 
     def __repr__(self) -> str:

@@ -59,6 +59,7 @@ class VideoDenoiser(Learned):
     """
 
     name = "video"
+    restless = True
 
     def __init__(self, weights: str | Path | None = None, device: str | None = None, renew: int = 1):
         if not isinstance(renew, Integral) or renew < 1:

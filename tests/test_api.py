@@ -268,8 +268,8 @@ def test_effort_is_a_number_of_iterations_fewer_for_networks(scene, effort, call
     assert [result.settings["iterations"] for result in results] == [calls, learned]
 
 
-@pytest.mark.parametrize("learned", [True, False])
-def test_the_result_is_a_mean_of_estimates_with_a_learned_prior_alone(scene, learned):
+@pytest.mark.parametrize("restless", [True, False])
+def test_the_result_is_a_mean_of_estimates_with_a_restless_prior_alone(scene, restless):
     """Of 0.3 of the last and 0.7 of the first; the history and the callback tell of the mean too."""
     estimates, states = [], []
 
@@ -277,11 +277,9 @@ def test_the_result_is_a_mean_of_estimates_with_a_learned_prior_alone(scene, lea
         estimates.append(x + (-1) ** len(estimates) * sigma)
         return estimates[-1]
 
-    prior.learned = learned
-    result = solve(
-        scene.y, scene.masks, prior, iterations=2, init="adjoint", reference=scene.truth, callback=states.append
-    )
-    mean = 0.7 * estimates[0] + 0.3 * estimates[1] if learned else estimates[1]
+    prior.restless = restless
+    result = solve(scene.y, scene.masks, prior, iterations=2, reference=scene.truth, callback=states.append)
+    mean = 0.7 * estimates[0] + 0.3 * estimates[1] if restless else estimates[1]
     assert relative(estimates[0], estimates[1]) > 0.05
     assert relative(result.x, mean * result.settings["unit"][0]) < 1e-6
     assert relative(states[-1].x, mean) < 1e-6
@@ -289,6 +287,11 @@ def test_the_result_is_a_mean_of_estimates_with_a_learned_prior_alone(scene, lea
     assert result.history[-1].residual == pytest.approx(
         relative((scene.masks * result.x).sum((0, 1)), scene.y), abs=1e-5
     )
+
+
+@pytest.mark.parametrize(("name", "restless"), [("flow", True), ("video", True), ("tv", False), ("ffdnet", False)])
+def test_what_measures_motion_is_restless(name, restless):
+    assert getattr(pnp_sci.make_prior(name), "restless", False) is restless
 
 
 def test_settings_reproduce(scene):
