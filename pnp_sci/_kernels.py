@@ -68,16 +68,6 @@ def gram(masks, total):
 
 
 @kernel
-def blend(old, new, share, out):
-    """out <- old + share * (new - old), all of the same length."""
-    for block in numba.prange((out.size + BLOCK - 1) // BLOCK):
-        here = slice(block * BLOCK, min((block + 1) * BLOCK, out.size))
-        before, now, w = old[here], new[here], out[here]
-        for p in range(w.size):
-            w[p] = before[p] + share * (now[p] - before[p])
-
-
-@kernel
 def project(masks, x, y, weight, out, in_place):
     """out <- x + masks * weight * (y - sum(masks * x)); `in_place` says that out is x."""
     planes, pixels = x.shape

@@ -11,7 +11,7 @@ import time
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from dataclasses import asdict, replace
-from functools import cache
+from functools import cache, partial
 from importlib.metadata import version
 from importlib.util import find_spec
 from typing import Any
@@ -24,7 +24,7 @@ from .budget import LEARNED, prior_within
 from .checks import instance, number, one_of, shaped, whole
 from .compose import Stages, weights_of
 from .errors import InputError
-from .loop import Limits, averaged, iterate, run
+from .loop import Limits, iterate, run
 from .masks import views_are_separable
 from .operator import SensingOperator
 from .problem import Problem, check_measurement, check_noise, check_operator, pose
@@ -111,7 +111,8 @@ def solve(
         The truth, shaped as the result, for PSNR and SSIM in the history: floats in [0, 1] or integers with their
         type's maximum as white. The result is compared in the same units.
     callback : callable, optional
-        Called with each `State`; a true value stops the solver.
+        Called with each `State`; a true value stops the solver. With a restless prior (`video`, after two calls a
+        frame) its x and residual are those of the mean that is returned, while the solver goes on from what it has.
     progress : bool
         Show a progress bar.
     device : str, optional
@@ -174,6 +175,7 @@ def solve(
     learned = getattr(denoiser, "learned", False)
     at_most = most or most_iterations(effort, learned, op.shape[0] * op.shape[1])
     tires = learned and iterations is None
+    restless = partial(getattr, denoiser, "restless", False)
     truth = Reference(reference, (len(measurements), *op.shape)) if reference is not None else None
     _warn_of_lost_views(op)
     warn_if_saturated(noise, measurements)
@@ -201,8 +203,6 @@ def solve(
                 algorithm=algorithm, noise=problem.noise, sigma=sigma, saturated=problem.saturated,
             )  # fmt: skip
             del start  # it is freed after the first step
-            if getattr(denoiser, "restless", False):
-                states = averaged(states)
 
             def score(x: np.ndarray, n: int = n, model: SceneModel = model, unit: float = problem.unit):
                 return truth.psnr(model.expand(x, op.shape), n, unit) if truth else None
@@ -211,7 +211,7 @@ def solve(
             here = most or most_iterations(effort, learned, described["frames_modelled"])
             allowed.append(schedule_for(reduced, problem.noise, sigma).enough(here) if tires else here)
             limits = Limits(allowed[-1], tol * contrast(reduced), deadline)
-            state, status, course = run(states, problem.y, limits, observe, score, problem.saturated)
+            state, status, course = run(states, problem.y, limits, observe, score, problem.saturated, restless)
             x = model.expand(state.x, op.shape)
             _put(x if np.isfinite(x).all() else np.zeros_like(x), videos[n], problem.unit)
             statuses.append(status)

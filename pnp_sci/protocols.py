@@ -18,8 +18,8 @@ class Denoiser(Protocol):
     same units. Returns a new array of the same shape and dtype. Views must not be mixed.
 
     One with a memory has ``reset()``. One with a true attribute ``learned`` is called fewer times, and the fewer the
-    more noise there is, and starts from a network's estimate unless another is asked for. Of one with a true attribute
-    ``restless``, whose answers depend on what it measures anew from time to time, the last estimates are averaged.
+    more noise there is, and starts from a network's estimate unless another is asked for. While an attribute
+    ``restless`` is true, since only what it measures anew from time to time still moves the estimates, solve averages.
     """
 
     def __call__(self, x: np.ndarray, sigma: float) -> np.ndarray:

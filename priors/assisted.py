@@ -72,7 +72,6 @@ class Assisted:
             raise InputError(f"first is {first!r}: a whole number >= 0 was expected")
         self.net, self.without, self.beside = net, without, beside
         self.stronger, self.first = stronger, int(first)
-        self.restless = getattr(net, "restless", False)
         self.reset()
 
     def __repr__(self) -> str:
@@ -109,6 +108,11 @@ class Assisted:
         darkest, brightest = self._range
         reach = x.dtype.type(BEYOND * sigma)
         return np.clip(x, darkest - reach, brightest + reach)
+
+    @property
+    def restless(self) -> bool:
+        """As the network says of itself."""
+        return getattr(self.net, "restless", False)
 
     @property
     def sha256(self) -> str:

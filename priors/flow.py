@@ -58,8 +58,6 @@ class Flow:
     (1, 3, 32, 32)
     """
 
-    restless = True
-
     def __init__(self, neighbours: int = 3, tolerance: float = 2.2, drift: float = 1.5):
         if int(neighbours) != neighbours or neighbours < 1:
             raise InputError(f"neighbours is {neighbours}: a whole number >= 1 was expected")

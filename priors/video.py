@@ -18,6 +18,7 @@ NEIGHBOURS = 3  # frames either side that help a frame
 TOLERANCE = 0.75  # difference between a frame and its warped neighbour at which that counts 1/e, in units of sigma
 DRIFT = 1.5  # pixels between going there and back along the flow at which a neighbour counts 1/e
 SEARCH = Search(steps=5, smoothings=3)  # on validation clips 8 steps are no better; without smoothing 0.3 dB are lost
+SETTLED = 2  # calls for each frame of all views after which estimates flicker more than they improve
 FAINT = 1e-4  # sigma below which an average is not worth it
 
 
@@ -59,7 +60,6 @@ class VideoDenoiser(Learned):
     """
 
     name = "video"
-    restless = True
 
     def __init__(self, weights: str | Path | None = None, device: str | None = None, renew: int = 1):
         if not isinstance(renew, Integral) or renew < 1:
@@ -73,6 +73,11 @@ class VideoDenoiser(Learned):
         self._calls = 0
         self._fits: tuple[int, ...] | None = None
         self._motion: list[Motion] = []
+
+    @property
+    def restless(self) -> bool:
+        """Whether a solver's estimates hardly improve any more, and mostly flicker with the motion as measured."""
+        return self._fits is not None and self._calls > SETTLED * self._fits[0] * self._fits[1]
 
     @property
     def sha256(self) -> str:

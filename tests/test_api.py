@@ -268,30 +268,97 @@ def test_effort_is_a_number_of_iterations_fewer_for_networks(scene, effort, call
     assert [result.settings["iterations"] for result in results] == [calls, learned]
 
 
-@pytest.mark.parametrize("restless", [True, False])
-def test_the_result_is_a_mean_of_estimates_with_a_restless_prior_alone(scene, restless):
-    """Of 0.3 of the last and 0.7 of the first; the history and the callback tell of the mean too."""
-    estimates, states = [], []
+def alternating(restless):
+    """A prior whose answers alternate, and all that it has answered; it is restless after so many calls."""
+    answers = []
 
-    def prior(x, sigma):
-        estimates.append(x + (-1) ** len(estimates) * sigma)
-        return estimates[-1]
+    class Prior:
+        @property
+        def restless(self):
+            return len(answers) > restless
 
-    prior.restless = restless
-    result = solve(scene.y, scene.masks, prior, iterations=2, reference=scene.truth, callback=states.append)
-    mean = 0.7 * estimates[0] + 0.3 * estimates[1] if restless else estimates[1]
-    assert relative(estimates[0], estimates[1]) > 0.05
+        def __call__(self, x, sigma):
+            answers.append(0.9 * x + (-1) ** len(answers) * sigma)
+            return answers[-1]
+
+    return Prior(), answers
+
+
+@pytest.mark.parametrize("algorithm", ["gap", "admm"])
+@pytest.mark.parametrize("first", [1, 3, np.inf])
+def test_the_result_is_a_mean_while_the_prior_is_restless(scene, algorithm, first):
+    """Of 0.3 of the newest estimate and 0.7 of the mean before; the history and the callback tell of the mean too."""
+    prior, answers = alternating(first)
+    states = []
+    result = solve(scene.y, scene.masks, prior, algorithm=algorithm, iterations=6, reference=scene.truth,
+                   callback=states.append)  # fmt: skip
+    again, same = alternating(np.inf)
+    solve(scene.y, scene.masks, again, algorithm=algorithm, iterations=6)
+    assert all(np.array_equal(*pair) for pair in zip(answers, same, strict=True))  # the solver goes on without the mean
+    op = pnp_sci.SensingOperator(scene.masks)
+    y = states[0].residual + op.forward(states[0].x)
+    mean = None
+    for n, (answer, state) in enumerate(zip(answers, states[1:], strict=True), 1):
+        mean = answer if n <= first else 0.3 * answer + 0.7 * mean
+        assert relative(state.x, mean) < 1e-6
+        np.testing.assert_allclose(state.residual, y - op.forward(state.x), atol=1e-4)
+        expected = np.linalg.norm(state.residual) / np.linalg.norm(y)
+        assert result.history[n].residual == pytest.approx(expected, rel=1e-4)
     assert relative(result.x, mean * result.settings["unit"][0]) < 1e-6
-    assert relative(states[-1].x, mean) < 1e-6
     assert result.history[-1].psnr == pytest.approx(np.mean(pnp_sci.psnr(result.x, scene.truth)), abs=1e-3)
-    assert result.history[-1].residual == pytest.approx(
-        relative((scene.masks * result.x).sum((0, 1)), scene.y), abs=1e-5
-    )
 
 
-@pytest.mark.parametrize(("name", "restless"), [("flow", True), ("video", True), ("tv", False), ("ffdnet", False)])
-def test_what_measures_motion_is_restless(name, restless):
-    assert getattr(pnp_sci.make_prior(name), "restless", False) is restless
+def test_a_mean_does_not_reach_the_next_measurement(scene):
+    results = []
+    for y in (scene.y, np.stack([scene.y[::-1], scene.y])):
+        video = solve(y, scene.masks, VideoLike(), iterations=5).x
+        results.append(video if y.ndim == 2 else video[1])
+    assert np.array_equal(*results)
+
+
+class VideoLike:
+    restless = True
+
+    def __call__(self, x, sigma):
+        return x + sigma * np.sin(np.arange(x.size, dtype=x.dtype)).reshape(x.shape)
+
+
+@pytest.mark.parametrize(("grows", "status"), [(20.0, Status.DIVERGED), (np.nan, Status.NOT_FINITE)])
+def test_the_guard_looks_at_what_the_solver_has_and_not_at_the_mean(scene, grows, status):
+    def prior(x, sigma):
+        calls.append(x)
+        return x * np.float32(grows if len(calls) > 3 else 0.9)
+
+    calls, found = [], []
+    for prior.restless in (False, True):
+        calls.clear()
+        result = solve(scene.y, scene.masks, prior, algorithm="plain-gap", iterations=30)
+        assert result.status is status
+        assert np.isfinite(result.x).all()
+        found.append(len(calls))
+    assert found[0] == found[1]
+
+
+@pytest.mark.parametrize("name", ["tv", "flow", "ffdnet", "tv+ffdnet"])
+def test_most_priors_are_never_restless(scene, name):
+    prior = pnp_sci.make_prior(name)
+    solve(scene.y, scene.masks, prior, iterations=2)
+    assert not getattr(prior, "restless", False)
+
+
+def test_video_is_restless_after_two_calls_a_frame():
+    net = pnp_sci.make_prior("video").net
+    x = np.random.default_rng(0).random((1, 3, 32, 32), np.float32)
+    restless = []
+    for _ in range(8):
+        net(x, 0.1)
+        restless.append(net.restless)
+    assert restless == 6 * [False] + 2 * [True]
+    net.reset()
+    assert not net.restless
+    for _ in range(8):
+        net(x[:, :1], 0.1)  # one frame moves nowhere
+    assert not net.restless
 
 
 def test_settings_reproduce(scene):

@@ -1,7 +1,6 @@
 """Single steps of the solvers against their formulas, and the solution that all of them lead to."""
 
 from dataclasses import replace
-from itertools import islice
 
 import numpy as np
 import pytest
@@ -10,7 +9,6 @@ from hypothesis import strategies as st
 
 import pnp_sci
 from pnp_sci import SensingOperator
-from pnp_sci.loop import averaged, iterate
 from pnp_sci.problem import level
 from pnp_sci.schedule import contrast
 from pnp_sci.solvers import ALGORITHMS, admm_step, gap_step, plain_gap_step, start
@@ -147,21 +145,6 @@ def test_states_stay_as_they_are(problem, step, rho):
     assert (state.iteration, after.iteration, after.sigma) == (3, 4, 0.1)
     np.testing.assert_allclose(after.residual, y - op.forward(after.x), atol=1e-12)
     assert not np.array_equal(after.x, state.x)
-
-
-def test_a_mean_of_estimates_is_its_formula_and_the_solver_goes_on_without_it(problem):
-    op, y, x = problem
-    plain, averages = (list(islice(make(iterate(op, y, soften, x)), 9)) for make in (iter, averaged))
-    assert averages[0].x is plain[0].x is x
-    estimates = np.stack([state.x for state in plain[1:]])
-    for n, state in enumerate(averages[1:]):
-        weights = 0.3 * 0.7 ** np.arange(n, -1, -1)
-        weights[0] = 0.7**n  # of the first, which stands for all that it has no predecessors for
-        assert weights.sum() == pytest.approx(1)
-        np.testing.assert_allclose(state.x, np.tensordot(weights, estimates[: n + 1], 1), rtol=1e-12)
-        np.testing.assert_allclose(state.residual, y - op.forward(state.x), atol=1e-12)
-        assert (state.iteration, state.sigma) == (n + 1, plain[n + 1].sigma)
-        assert np.array_equal(state.dual, plain[n + 1].dual)
 
 
 @pytest.mark.parametrize("step", ALGORITHMS.values(), ids=ALGORITHMS.keys())
