@@ -70,8 +70,9 @@ def test_bad_input_is_named(results, tmp_path):
         pnp_sci.recommend(1, results=tmp_path / "other.json")
 
 
-def test_the_measurements_of_the_package():
+def test_the_measurements_of_the_package(monkeypatch):
     rows = read(budget.MEASURED)
+    monkeypatch.setattr(budget, "calibrate", lambda: rows[0].machine["calibration"])  # as quick a machine as theirs
     assert {row.shape[0] for row in rows} == {1, 2}
     little, much = (pnp_sci.recommend(seconds, like) for seconds, like in ((0.5, "dualview"), (1e4, "dualview")))
     assert little.psnr < much.psnr - 1
@@ -80,6 +81,8 @@ def test_the_measurements_of_the_package():
 
 
 def test_auto_with_a_time_budget_takes_the_prior_that_shows_most_by_then(monkeypatch):
+    calibration = read(budget.MEASURED)[0].machine["calibration"]
+    monkeypatch.setattr(budget, "calibrate", lambda: calibration)
     shape = (2, 10, 256, 256)
     assert budget.prior_within(1e-9, shape) == "tv"
     assert budget.prior_within(0.3, shape) == "tv"
