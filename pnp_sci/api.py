@@ -112,7 +112,8 @@ def solve(
         type's maximum as white. The result is compared in the same units.
     callback : callable, optional
         Called with each `State`; a true value stops the solver. With a restless prior (`video`, after two calls a
-        frame) its x and residual are those of the mean that is returned, while the solver goes on from what it has.
+        frame) its x and residual are those of a mean, while the solver goes on from what it has. What a prior makes of
+        the last estimate (`flow` and `video` average it along its motion) it does not see.
     progress : bool
         Show a progress bar.
     device : str, optional
@@ -176,6 +177,7 @@ def solve(
     at_most = most or most_iterations(effort, learned, op.shape[0] * op.shape[1])
     tires = learned and iterations is None
     restless = partial(getattr, denoiser, "restless", False)
+    improve: Any = getattr(denoiser, "finish", None)
     truth = Reference(reference, (len(measurements), *op.shape)) if reference is not None else None
     _warn_of_lost_views(op)
     warn_if_saturated(noise, measurements)
@@ -207,11 +209,17 @@ def solve(
             def score(x: np.ndarray, n: int = n, model: SceneModel = model, unit: float = problem.unit):
                 return truth.psnr(model.expand(x, op.shape), n, unit) if truth else None
 
+            def finish(state: State, problem: Problem = problem, reduced: SensingOperator = reduced) -> State:
+                x = improve(state.x, state.sigma)
+                return replace(state, x=x, residual=problem.y - reduced.forward(x))
+
             described = model.describe(op)
             here = most or most_iterations(effort, learned, described["frames_modelled"])
             allowed.append(schedule_for(reduced, problem.noise, sigma).enough(here) if tires else here)
             limits = Limits(allowed[-1], tol * contrast(reduced), deadline)
-            state, status, course = run(states, problem.y, limits, observe, score, problem.saturated, restless)
+            state, status, course = run(
+                states, problem.y, limits, observe, score, problem.saturated, restless, finish if improve else None
+            )
             x = model.expand(state.x, op.shape)
             _put(x if np.isfinite(x).all() else np.zeros_like(x), videos[n], problem.unit)
             statuses.append(status)

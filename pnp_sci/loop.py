@@ -115,6 +115,7 @@ def run(
     psnr: Callable[[np.ndarray], float | None] | None = None,
     saturated: np.ndarray | None = None,
     restless: Callable[[], bool] = bool,
+    finish: Callable[[State], State] | None = None,
 ) -> tuple[State, Status, list[Record]]:
     """Take states until a limit is met, the observer asks to stop, or the guard sees a failure.
 
@@ -123,11 +124,18 @@ def run(
     While the denoiser is `restless`, what is observed and returned is a mean: 0.3 of the iterate, 0.7 of the mean
     before. Each new measurement of the motion moves the iterates; what they have in common is nearer to the truth. The
     solver goes on from the iterates, and guard and plateau look at them.
+    `finish` makes of the last estimate the one that is returned, unless the guard ends the run; the last record is of
+    that one, and the deadline leaves time for it, taken to be that of the slowest iteration at most.
     """
     norm = _length(y) or 1.0
-    begin, aside = time.perf_counter(), 0.0
+    begin, aside, ahead = time.perf_counter(), 0.0, 2 if finish else 1
     records: list[Record] = []
     estimate, good, before, quiet, slowest = None, None, None, 0, 0.0
+
+    def record_of(state: State, seconds: float) -> Record:
+        relative = _length(missing(state.residual, saturated)) / norm
+        return Record(state.iteration, seconds, relative, state.sigma, psnr(state.x) if psnr else None)
+
     for state in states:
         relative = _length(missing(state.residual, saturated)) / norm
         if not np.isfinite(_length(state.residual)):  # it is not if any value of x is not: 0 * nan is nan
@@ -138,27 +146,27 @@ def run(
         if good is None or relative <= 1.0:
             good = estimate
         now = time.perf_counter()
-        if estimate is not state:
-            relative = _length(missing(estimate.residual, saturated)) / norm
-        seconds = now - begin - aside
-        slowest = max(slowest, seconds - records[-1].seconds) if records else 0.0
-        record = Record(state.iteration, seconds, relative, state.sigma, psnr(estimate.x) if psnr else None)
+        record = record_of(estimate, now - begin - aside)
+        slowest = max(slowest, record.seconds - records[-1].seconds) if records else 0.0
         records.append(record)
         stop = observe(estimate, record)
         aside += time.perf_counter() - now
-        if stop:
-            return estimate, Status.STOPPED, records
         if before is not None:
-            change = _length(state.residual - before) / norm
-            quiet = quiet + 1 if change < limits.tol else 0
-            if quiet >= PLATEAU:
-                return estimate, Status.CONVERGED, records
-        if state.iteration >= limits.iterations:
-            return estimate, Status.ITERATIONS, records
-        if limits.deadline is not None and time.perf_counter() + slowest > limits.deadline:
-            return estimate, Status.TIME_BUDGET, records
+            quiet = quiet + 1 if _length(state.residual - before) / norm < limits.tol else 0
         before = state.residual
-    raise AssertionError("iterate() has no end")
+        late = limits.deadline is not None and time.perf_counter() + ahead * slowest > limits.deadline
+        if stop or quiet >= PLATEAU or state.iteration >= limits.iterations or late:
+            break
+    else:
+        raise AssertionError("iterate() has no end")
+    if finish:
+        estimate = finish(estimate)
+        records[-1] = record_of(estimate, time.perf_counter() - begin - aside)
+    if stop:
+        return estimate, Status.STOPPED, records
+    if quiet >= PLATEAU:
+        return estimate, Status.CONVERGED, records
+    return estimate, Status.ITERATIONS if state.iteration >= limits.iterations else Status.TIME_BUDGET, records
 
 
 def _mean(before: State, state: State) -> State:

@@ -114,6 +114,10 @@ class Assisted:
         """As the network says of itself."""
         return getattr(self.net, "restless", False)
 
+    def finish(self, x: np.ndarray, sigma: float) -> np.ndarray:
+        """What the network makes of a solver's last estimate x (V, B, H, W)."""
+        return getattr(self.net, "finish", lambda x, sigma: x)(x, sigma)
+
     @property
     def sha256(self) -> str:
         """Hash of the values of the weights, 64 hexadecimal digits."""

@@ -8,7 +8,7 @@ import numpy as np
 
 from pnp_sci.errors import InputError
 
-from .motion import SMALLEST, Motion, Search, measure
+from .motion import SMALLEST, Motion, Search, finished, measure
 from .tv import TV
 
 FIRST = 30  # calls of TV alone, until the estimate shows enough for its motion to be seen
@@ -98,3 +98,13 @@ class Flow:
         for view, seen, averaged in zip(v, self._motion, out):
             seen.average(view, averaged)
         return out
+
+    def finish(self, x: np.ndarray, sigma: float) -> np.ndarray:
+        """The last estimate x (V, B, H, W) of a solver, averaged once more, along the motion that it shows itself.
+
+        Where calls have measured no motion, x comes back as it is. The next call starts a new video.
+        """
+        if not self._motion:
+            return x
+        self.reset()
+        return finished(x, sigma, self.neighbours, self.drift, SEARCH)

@@ -12,6 +12,10 @@ from . import _flow_kernels as kernels
 
 SMALLEST = 32  # pixels a side that optical flow needs
 BLUR = 0.7  # pixels: of the pictures that flow is estimated from
+# Difference, in units of the solver's sigma, at which neighbours count 1/e for a frame of a last estimate, which shows
+# finer ones than what comes from a measurement. Six cases of validation clips gain with `video` 0.08 dB (two views of
+# 10 frames), 0.15 (one of 8), 0.04 (noise of 0.03 of max(y)), none loses 0.02; half gains less, with twice some lose.
+CERTAIN = 0.3
 
 
 @dataclass(frozen=True, eq=False)
@@ -101,6 +105,18 @@ def measure(view: np.ndarray, neighbours: int, tolerance: float, drift: float, s
     motion.average(view, pilot)
     kernels.weigh(pilot, flow, trust, pairs, view.dtype.type(tolerance), motion.weights)
     return motion
+
+
+def finished(x: np.ndarray, sigma: float, neighbours: int, drift: float, search: Search) -> np.ndarray:
+    """A solver's last estimate (V, B, H, W), averaged along the motion that it shows itself.
+
+    `sigma` is the solver's, the other arguments are those of :func:`measure`. Done in every iteration it is worth as
+    much as done once, in the end.
+    """
+    out = np.empty_like(x)
+    for view, mean in zip(x, out):
+        measure(view, neighbours, CERTAIN * sigma, drift, search).average(view, mean)
+    return out
 
 
 @cache

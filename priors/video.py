@@ -12,7 +12,7 @@ from pnp_sci.errors import InputError
 
 from ._learned import LIMIT, Learned
 from .ffdnet import FFDNet
-from .motion import SMALLEST, Motion, Search, measure
+from .motion import SMALLEST, Motion, Search, finished, measure
 
 NEIGHBOURS = 3  # frames either side that help a frame
 TOLERANCE = 0.75  # difference between a frame and its warped neighbour at which that counts 1/e, in units of sigma
@@ -102,6 +102,17 @@ class VideoDenoiser(Learned):
         frames = mean.reshape(-1, *x.shape[2:]), level.reshape(-1, *x.shape[2:])
         noise = x - mean + self._runner.noise(*frames).reshape(x.shape)
         return np.clip(noise, -LIMIT * sigma, LIMIT * sigma)
+
+    def finish(self, x: np.ndarray, sigma: float) -> np.ndarray:
+        """The last estimate x (V, B, H, W) of a solver, averaged once more, along the motion that it shows itself.
+
+        `sigma` is the solver's. Where calls have measured no motion, x comes back as it is. The next call starts a new
+        video.
+        """
+        if not self._motion:
+            return x
+        self.reset()
+        return finished(x, sigma, NEIGHBOURS, DRIFT, SEARCH)
 
 
 def see(cleaned: np.ndarray, sigma: float) -> list[Motion]:

@@ -4,6 +4,7 @@ import time
 
 import numpy as np
 import pytest
+from scipy.ndimage import gaussian_filter
 
 import pnp_sci
 from pnp_sci import Status, datasets, registry, solve
@@ -337,6 +338,65 @@ def test_the_guard_looks_at_what_the_solver_has_and_not_at_the_mean(scene, grows
         assert np.isfinite(result.x).all()
         found.append(len(calls))
     assert found[0] == found[1]
+
+
+@pytest.mark.parametrize("restless", [False, True])
+def test_a_prior_may_finish_the_last_estimate(scene, restless):
+    """Once a measurement; result, residual and PSNR are those of what it makes, and the solver's iterates are not."""
+
+    class Finishing(VideoLike):
+        def finish(self, x, sigma):
+            finished.append(0.9 * x + np.float32(sigma))
+            return finished[-1]
+
+    finished, states = [], []
+    Finishing.restless = restless
+    y = np.stack([scene.y, 0.5 * scene.y])
+    result = solve(y, scene.masks, Finishing(), iterations=4, reference=np.stack([scene.truth, 0.5 * scene.truth]),
+                   callback=states.append)  # fmt: skip
+    assert len(finished) == 2
+    op = pnp_sci.SensingOperator(scene.masks)
+    for n, (x, unit) in enumerate(zip(finished, result.settings["unit"])):
+        assert relative(result.x[n], x * unit) < 1e-6
+        assert relative(x, 0.9 * states[5 * n + 4].x + np.float32(states[5 * n + 4].sigma)) < 1e-6
+        last = [record for record in result.history if record.measurement == n][-1]
+        assert last.residual == pytest.approx(relative(op.forward(result.x[n]), y[n]), rel=1e-3)
+        truth = (1 - 0.5 * n) * scene.truth
+        assert last.psnr == pytest.approx(np.mean(pnp_sci.psnr(result.x[n], truth)), abs=1e-3)
+
+
+def test_what_the_guard_ends_is_not_finished(scene):
+    def prior(x, sigma):
+        return x * np.float32(20)
+
+    def finish(x, sigma):
+        raise AssertionError("the guard has ended this run")
+
+    prior.finish = finish
+    assert solve(scene.y, scene.masks, prior, algorithm="plain-gap", iterations=30).status is Status.DIVERGED
+
+
+@pytest.mark.parametrize("name", ["flow", "video"])
+def test_a_last_estimate_is_averaged_along_its_motion(name):
+    """Faint errors of their own leave the frames of a moving scene; it stays as it is where no motion was measured."""
+    random = np.random.default_rng(0)
+    picture = gaussian_filter(random.standard_normal((96, 96)), 2)
+    picture = (0.5 + 0.2 * picture / picture.std()).astype(np.float32)
+    truth = np.stack([np.stack([np.roll(picture, (v + b, b), (0, 1)) for b in range(6)]) for v in range(2)])
+    x = truth + 0.005 * random.standard_normal(truth.shape, np.float32)
+    prior = pnp_sci.make_prior(name)
+    assert prior.finish(x, 0.05) is x  # no call so far
+    for _ in range(31):
+        prior(x, 0.05)
+    better = prior.finish(x.copy(), 0.05)
+    inside = (..., slice(12, -12), slice(12, -12))
+    assert better.dtype == x.dtype
+    assert np.std((better - truth)[inside]) < 0.7 * np.std((x - truth)[inside])
+    for _ in range(31):
+        prior(x, 0.05)
+    other = np.stack([x[0], np.zeros_like(x[1])])
+    assert np.array_equal(prior.finish(other, 0.05)[0], better[0])  # views do not mix
+    assert prior.finish(x, 0.05) is x  # forgotten
 
 
 @pytest.mark.parametrize("name", ["tv", "flow", "ffdnet", "tv+ffdnet"])
