@@ -210,7 +210,7 @@ def solve(
                 return truth.psnr(model.expand(x, op.shape), n, unit) if truth else None
 
             def finish(state: State, problem: Problem = problem, reduced: SensingOperator = reduced) -> State:
-                x = improve(state.x, state.sigma)
+                x = shaped("what the prior's finish returns", improve(state.x, state.sigma), reduced.shape, op.dtype)
                 return replace(state, x=x, residual=problem.y - reduced.forward(x))
 
             described = model.describe(op)
@@ -218,8 +218,9 @@ def solve(
             allowed.append(schedule_for(reduced, problem.noise, sigma).enough(here) if tires else here)
             limits = Limits(allowed[-1], tol * contrast(reduced), deadline)
             state, status, course = run(
-                states, problem.y, limits, observe, score, problem.saturated, restless, finish if improve else None
-            )
+                states, problem.y, limits, observe, score, problem.saturated, restless,
+                finish if callable(improve) else None,
+            )  # fmt: skip
             x = model.expand(state.x, op.shape)
             _put(x if np.isfinite(x).all() else np.zeros_like(x), videos[n], problem.unit)
             statuses.append(status)

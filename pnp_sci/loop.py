@@ -124,13 +124,13 @@ def run(
     While the denoiser is `restless`, what is observed and returned is a mean: 0.3 of the iterate, 0.7 of the mean
     before. Each new measurement of the motion moves the iterates; what they have in common is nearer to the truth. The
     solver goes on from the iterates, and guard and plateau look at them.
-    `finish` makes of the last estimate the one that is returned, unless the guard ends the run; the last record is of
-    that one, and the deadline leaves time for it, taken to be that of the slowest iteration at most.
+    `finish` makes of the last estimate the one that is returned, unless the guard ends the run or nothing has been
+    denoised; the last record is of that one. As much time as the slowest iteration but the first took is left for it.
     """
     norm = _length(y) or 1.0
-    begin, aside, ahead = time.perf_counter(), 0.0, 2 if finish else 1
+    begin, aside = time.perf_counter(), 0.0
     records: list[Record] = []
-    estimate, good, before, quiet, slowest = None, None, None, 0, 0.0
+    estimate, good, before, quiet, slowest, ending = None, None, None, 0, 0.0, 0.0
 
     def record_of(state: State, seconds: float) -> Record:
         relative = _length(missing(state.residual, saturated)) / norm
@@ -147,20 +147,26 @@ def run(
             good = estimate
         now = time.perf_counter()
         record = record_of(estimate, now - begin - aside)
-        slowest = max(slowest, record.seconds - records[-1].seconds) if records else 0.0
+        lasted = record.seconds - records[-1].seconds if records else 0.0
+        slowest = max(slowest, lasted)
+        if finish and state.iteration > 1:  # the first one loads and compiles
+            ending = max(ending, lasted)
         records.append(record)
         stop = observe(estimate, record)
         aside += time.perf_counter() - now
         if before is not None:
             quiet = quiet + 1 if _length(state.residual - before) / norm < limits.tol else 0
         before = state.residual
-        late = limits.deadline is not None and time.perf_counter() + ahead * slowest > limits.deadline
+        late = limits.deadline is not None and time.perf_counter() + slowest + ending > limits.deadline
         if stop or quiet >= PLATEAU or state.iteration >= limits.iterations or late:
             break
     else:
         raise AssertionError("iterate() has no end")
-    if finish:
-        estimate = finish(estimate)
+    if finish and estimate.iteration:
+        finished = finish(estimate)
+        if not np.isfinite(_length(finished.residual)):
+            return estimate, Status.NOT_FINITE, records
+        estimate = finished
         records[-1] = record_of(estimate, time.perf_counter() - begin - aside)
     if stop:
         return estimate, Status.STOPPED, records

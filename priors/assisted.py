@@ -72,6 +72,8 @@ class Assisted:
             raise InputError(f"first is {first!r}: a whole number >= 0 was expected")
         self.net, self.without, self.beside = net, without, beside
         self.stronger, self.first = stronger, int(first)
+        if isinstance(net, VideoDenoiser):
+            self.finish = net.finish
         self.reset()
 
     def __repr__(self) -> str:
@@ -113,10 +115,6 @@ class Assisted:
     def restless(self) -> bool:
         """As the network says of itself."""
         return getattr(self.net, "restless", False)
-
-    def finish(self, x: np.ndarray, sigma: float) -> np.ndarray:
-        """What the network makes of a solver's last estimate x (V, B, H, W)."""
-        return getattr(self.net, "finish", lambda x, sigma: x)(x, sigma)
 
     @property
     def sha256(self) -> str:

@@ -102,9 +102,9 @@ class Flow:
     def finish(self, x: np.ndarray, sigma: float) -> np.ndarray:
         """The last estimate x (V, B, H, W) of a solver, averaged once more, along the motion that it shows itself.
 
-        Where calls have measured no motion, x comes back as it is. The next call starts a new video.
+        Where calls have measured no motion, x comes back as it is.
         """
         if not self._motion:
             return x
-        self.reset()
+        self._motion = []  # a further call measures it anew; until then it would take memory
         return finished(x, sigma, self.neighbours, self.drift, SEARCH)

@@ -95,7 +95,7 @@ class VideoDenoiser(Learned):
             self._fits = x.shape
         if min(x.shape[2:]) < SMALLEST or x.shape[1] < 2 or sigma < FAINT:
             return self.image._noise(x, sigma)
-        if self._calls % self.renew == 0:
+        if self._calls % self.renew == 0 or not self._motion:
             self._motion = see(self.image(x, sigma), sigma)
         self._calls += 1
         mean, level = averaged(x, sigma, self._motion)
@@ -106,12 +106,11 @@ class VideoDenoiser(Learned):
     def finish(self, x: np.ndarray, sigma: float) -> np.ndarray:
         """The last estimate x (V, B, H, W) of a solver, averaged once more, along the motion that it shows itself.
 
-        `sigma` is the solver's. Where calls have measured no motion, x comes back as it is. The next call starts a new
-        video.
+        `sigma` is the solver's. Where calls have measured no motion, x comes back as it is.
         """
         if not self._motion:
             return x
-        self.reset()
+        self._motion = []  # a further call measures it anew; until then it would take memory
         return finished(x, sigma, NEIGHBOURS, DRIFT, SEARCH)
 
 

@@ -365,6 +365,53 @@ def test_a_prior_may_finish_the_last_estimate(scene, restless):
         assert last.psnr == pytest.approx(np.mean(pnp_sci.psnr(result.x[n], truth)), abs=1e-3)
 
 
+ENDS = {
+    "iterations": ({"iterations": 3}, Status.ITERATIONS),
+    "plateau": ({"tol": 1.0}, Status.CONVERGED),
+    "callback": ({"callback": lambda state: state.iteration == 2}, Status.STOPPED),
+    "still": ({"iterations": 3, "scene": pnp_sci.SceneModel((True, False), still=True)}, Status.ITERATIONS),
+}
+
+
+@pytest.mark.parametrize(("options", "status"), ENDS.values(), ids=ENDS)
+def test_however_it_ends_the_last_estimate_is_finished(scene, options, status):
+    def prior(x, sigma):
+        return x.copy()
+
+    prior.finish = lambda x, sigma: np.full_like(x, sigma)
+    result = solve(scene.y, scene.masks, prior, noise=0, **options)
+    assert result.status is status
+    shown = np.array(result.scene["views"])
+    assert relative(result.x[shown], np.full_like(result.x[shown], 0.05) * result.settings["unit"][0]) < 1e-5
+    assert not result.x[~shown].any()
+
+
+@pytest.mark.parametrize("options", [{"callback": lambda state: True}, {"time_budget": 0.0}])
+def test_what_nothing_has_denoised_is_not_finished(scene, options):
+    def prior(x, sigma):
+        return x.copy()
+
+    results = [solve(scene.y, scene.masks, prior, **options).x]
+    prior.finish = lambda x, sigma: x * sigma
+    results.append(solve(scene.y, scene.masks, prior, **options).x)
+    assert np.array_equal(*results)
+
+
+def test_a_finish_that_fails(scene):
+    def prior(x, sigma):
+        return x.copy()
+
+    expected = solve(scene.y, scene.masks, prior, iterations=3)
+    prior.finish = lambda x, sigma: x * np.nan
+    result = solve(scene.y, scene.masks, prior, iterations=3)
+    assert result.status is Status.NOT_FINITE
+    assert np.array_equal(result.x, expected.x)
+    assert result.history["residual"].tolist() == expected.history["residual"].tolist()
+    prior.finish = lambda x, sigma: x[:, :1]
+    with pytest.raises(InputError, match="finish"):
+        solve(scene.y, scene.masks, prior, iterations=3)
+
+
 def test_what_the_guard_ends_is_not_finished(scene):
     def prior(x, sigma):
         return x * np.float32(20)
