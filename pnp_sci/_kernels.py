@@ -1,4 +1,4 @@
-"""Fused passes of the sensing operator over blocks of pixels.
+"""Fused passes of the sensing operator over blocks of pixels, and of GAP over those of y.
 
 Arrays are flat in the pixels: masks and x are (K, P) with K = V * B planes and P = H * W pixels, y and weight are (P,).
 A block of all K planes stays in the cache between the sum over planes and the update, so x passes through memory once.
@@ -83,3 +83,19 @@ def project(masks, x, y, weight, out, in_place):
             else:
                 for p in range(r.size):
                     w[p] = v[p] + real(m[p]) * r[p]
+
+
+@kernel
+def multiplier(dual, residual, gram, pace, rho, saturated, after, move):
+    """after <- (dual + pace residual) gram / (gram + pace rho);  move <- (after - dual) / pace.  All flat.
+
+    `after` is 0 where gram is 0 or denormal, and not negative where y is `saturated` (empty: nowhere); rho has one
+    value for all pixels, or one for each.
+    """
+    tiny, zero = np.finfo(gram.dtype).tiny, gram.dtype.type(0)
+    for p in numba.prange(gram.size):
+        leak = pace * (rho[p] if rho.size > 1 else rho[0])
+        new = (dual[p] + pace * residual[p]) * (gram[p] / (gram[p] + leak)) if gram[p] >= tiny else zero
+        if saturated.size > 0 and saturated[p]:
+            new = max(new, zero)
+        after[p], move[p] = new, (new - dual[p]) / pace

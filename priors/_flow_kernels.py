@@ -3,7 +3,7 @@
 import numba
 import numpy as np
 
-from pnp_sci._jit import device_function, kernel
+from pnp_sci._jit import device_function, kernel, loop
 
 FRACTION = 64  # flow is stored in 64ths of a pixel, as int16: half the memory of float32, and finer than flows are true
 SMOOTH = 3  # pixels either side of the box that averages squared differences, applied twice: a Gaussian of 2.8 pixels
@@ -19,34 +19,38 @@ def _catmull_rom(t: np.ndarray) -> np.ndarray:
 CUBIC = _catmull_rom(np.arange(FRACTION) / FRACTION)
 
 
-@device_function
-def _warp(frame, flow, out):
-    """out[i, j] <- frame[i + flow rows, j + flow columns], bicubic; the frame goes on beyond its edges as it ends.
-
-    Inside, pixels are counted from the first one by unsigned integers, which numba does not check for being negative.
-    """
+@loop
+def _extend(frame, out):
+    """out <- the frame and, around it, what bicubic interpolation reads: a pixel before, two behind, all as it ends."""
     rows, columns = frame.shape
-    pixels, row, u = frame.reshape(-1), np.uint64(columns), np.uint64
-    for i in range(rows):
-        for j in range(columns):
-            y = min(max(i * FRACTION + flow[i, j, 1], 0), (rows - 1) * FRACTION)
-            x = min(max(j * FRACTION + flow[i, j, 0], 0), (columns - 1) * FRACTION)
-            r, c = y // FRACTION, x // FRACTION
-            wr, wc = CUBIC[u(y - r * FRACTION)], CUBIC[u(x - c * FRACTION)]
-            total = frame.dtype.type(0)
-            if 0 < r < rows - 2 and 0 < c < columns - 2:
-                corner = u((r - 1) * columns + c - 1)
-                for b in range(u(4)):
-                    k = corner + b
-                    below = wr[u(0)] * pixels[k] + wr[u(1)] * pixels[k + row]
-                    below += wr[u(2)] * pixels[k + u(2) * row] + wr[u(3)] * pixels[k + u(3) * row]
-                    total += wc[b] * below
-            else:
-                for a in range(4):
-                    ra = min(max(r + a - 1, 0), rows - 1)
-                    for b in range(4):
-                        total += wr[a] * wc[b] * frame[ra, min(max(c + b - 1, 0), columns - 1)]
-            out[i, j] = total
+    for i in range(rows + 3):
+        o = out[i]
+        o[1 : columns + 1] = frame[min(max(i - 1, 0), rows - 1)]
+        o[0] = o[1]
+        o[columns + 1 :] = o[columns]
+
+
+@loop
+def _warp(extended, flow, i, out):
+    """out[j] <- frame[i + flow rows, j + flow columns], bicubic, for a row i; the frame goes on as it ends.
+
+    Pixels are counted from the first one by unsigned integers, which numba does not check for being negative.
+    """
+    u, real = np.uint64, out.dtype.type
+    rows, columns, row = extended.shape[0] - 3, out.size, u(extended.shape[1])
+    pixels = extended.reshape(-1)
+    for j in range(columns):
+        y = u(min(max(i * FRACTION + flow[j, 1], 0), (rows - 1) * FRACTION))
+        x = u(min(max(j * FRACTION + flow[j, 0], 0), (columns - 1) * FRACTION))
+        wr, wc = CUBIC[y % u(FRACTION)], CUBIC[x % u(FRACTION)]
+        corner = y // u(FRACTION) * row + x // u(FRACTION)
+        total = real(0)
+        for b in range(u(4)):
+            k = corner + b
+            below = wr[u(0)] * pixels[k] + wr[u(1)] * pixels[k + row]
+            below += wr[u(2)] * pixels[k + u(2) * row] + wr[u(3)] * pixels[k + u(3) * row]
+            total += wc[b] * below
+        out[j] = total
 
 
 @device_function
@@ -77,21 +81,21 @@ def _box(picture, scratch):
 
 
 @kernel
-def consistency(flow, pairs, reverse, tolerance, trust):
-    """trust[p] <- 255 exp(-|flow there + flow back|^2 / tolerance^2) for each pair of frames, as uint8."""
+def consistency(flow, pairs, reverse, fading, trust):
+    """trust[p] <- fading[|flow there + flow back|^2] for each pair of frames, 0 beyond its end; uint8."""
     rows, columns = flow.shape[1:3]
     for p in numba.prange(len(pairs)):
-        back = flow[reverse[p]]
+        there, back = flow[p], flow[reverse[p]]
         for i in range(rows):
             for j in range(columns):
-                y = i + (flow[p, i, j, 1] + FRACTION // 2) // FRACTION
-                x = j + (flow[p, i, j, 0] + FRACTION // 2) // FRACTION
+                y = i + (there[i, j, 1] + FRACTION // 2) // FRACTION
+                x = j + (there[i, j, 0] + FRACTION // 2) // FRACTION
+                trust[p, i, j] = 0
                 if 0 <= y < rows and 0 <= x < columns:
-                    dy = (flow[p, i, j, 1] + back[y, x, 1]) / FRACTION
-                    dx = (flow[p, i, j, 0] + back[y, x, 0]) / FRACTION
-                    trust[p, i, j] = np.uint8(255 * np.exp(-(dy * dy + dx * dx) / (tolerance * tolerance)))
-                else:
-                    trust[p, i, j] = 0
+                    dy, dx = there[i, j, 1] + back[y, x, 1], there[i, j, 0] + back[y, x, 0]
+                    square = dy * dy + dx * dx
+                    if square < len(fading):
+                        trust[p, i, j] = fading[square]
 
 
 @kernel
@@ -100,23 +104,35 @@ def weigh(v, flow, trust, pairs, tolerance, weights):
 
     z is the squared difference of frame n, warped, from frame b, smoothed, over tolerance^2; exp(z) by its first terms.
     """
-    rows, columns = v.shape[1:]
+    frames, rows, columns = v.shape
     one, half, sixth = v.dtype.type(1), v.dtype.type(1 / 2), v.dtype.type(1 / 6)
     inverse = one / (tolerance * tolerance)
+    extended = np.empty((frames, rows + 3, columns + 3), v.dtype)
+    for b in numba.prange(frames):
+        _extend(v[b], extended[b])
     for p in numba.prange(len(pairs)):
-        here = v[pairs[p, 0]]
+        here, there = v[pairs[p, 0]], extended[pairs[p, 1]]
         distance, scratch = np.empty_like(here), np.empty_like(here)
-        _warp(v[pairs[p, 1]], flow[p], distance)
         for i in range(rows):
+            d = distance[i]
+            _warp(there, flow[p, i], i, d)
             for j in range(columns):
-                d = distance[i, j] - here[i, j]
-                distance[i, j] = d * d
+                d[j] = (d[j] - here[i, j]) ** 2
         _box(distance, scratch)
         _box(distance, scratch)
         for i in range(rows):
             for j in range(columns):
                 z = max(distance[i, j], v.dtype.type(0)) * inverse
                 weights[p, i, j] = np.uint8(trust[p, i, j] / (one + z * (one + z * (half + z * sixth))))
+
+
+@loop
+def _add(warped, share, total, out):
+    """out <- out + share * warped, total <- total + share."""
+    for j in range(out.size):
+        w = out.dtype.type(share[j])
+        total[j] += w
+        out[j] += w * warped[j]
 
 
 @kernel
@@ -126,15 +142,33 @@ def average(v, flow, weights, pairs, first, out):
     pairs[first[b]:first[b + 1]] are those (b, n) of frame b.
     """
     frames, rows, columns = v.shape
+    extended = np.empty((frames, rows + 3, columns + 3), v.dtype)
     for b in numba.prange(frames):
-        warped = np.empty_like(v[b])
-        weight = np.full_like(v[b], 255)
-        out[b] = v[b] * v.dtype.type(255)
-        for p in range(first[b], first[b + 1]):
-            _warp(v[pairs[p, 1]], flow[p], warped)
-            for i in range(rows):
+        _extend(v[b], extended[b])
+    for b in numba.prange(frames):
+        warped, total = np.empty(columns, v.dtype), np.empty(columns, v.dtype)
+        for i in range(rows):
+            o = out[b, i]
+            o[:] = v[b, i] * v.dtype.type(255)
+            total[:] = 255
+            for p in range(first[b], first[b + 1]):
+                _warp(extended[pairs[p, 1]], flow[p, i], i, warped)
+                _add(warped, weights[p, i], total, o)
+            o /= total
+
+
+@kernel
+def remaining(weights, first, left):
+    """left (B, H, W) <- what averages by these weights leave of the standard deviation of white noise."""
+    frames, rows, columns = left.shape
+    real = left.dtype.type
+    for b in numba.prange(frames):
+        total, squares = np.empty(columns, left.dtype), np.empty(columns, left.dtype)
+        for i in range(rows):
+            total[:], squares[:] = 1, 1
+            for p in range(first[b], first[b + 1]):
                 for j in range(columns):
-                    w = v.dtype.type(weights[p, i, j])
-                    weight[i, j] += w
-                    out[b, i, j] += w * warped[i, j]
-        out[b] /= weight
+                    w = real(weights[p, i, j]) / real(255)
+                    total[j] += w
+                    squares[j] += w * w
+            left[b, i] = np.sqrt(squares) / total

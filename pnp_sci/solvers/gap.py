@@ -52,14 +52,14 @@ def _multiplier(
     saturated: np.ndarray | None,
 ) -> tuple[np.ndarray, np.ndarray]:
     """q' and m of :func:`gap_step` (H, W), 0 in pixels that every mask leaves closed."""
-    tau = op.dtype.type(pace)
-    with np.errstate(over="ignore", invalid="ignore"):  # what is not finite is left to the guard of the loop
-        total = op.gram + tau * np.asarray(rho, op.dtype)
-        share = np.divide(op.gram, total, out=np.zeros_like(total), where=op.gram >= np.finfo(op.dtype).tiny)
-        after = (dual + tau * residual) * share
-        if saturated is not None:
-            np.maximum(after, 0, out=after, where=saturated)
-        return after, (after - dual) / tau
+    from .._kernels import multiplier
+
+    after, move = np.empty_like(dual), np.empty_like(dual)
+    bounds = np.empty(0, bool) if saturated is None else saturated.reshape(-1)
+    rho = np.asarray(rho, op.dtype).reshape(-1)
+    given, made = ([a.reshape(-1) for a in arrays] for arrays in ((dual, residual, op.gram), (after, move)))
+    multiplier(*given, op.dtype.type(pace), rho, bounds, *made)
+    return after, move
 
 
 def pace_after(pace: float, move: np.ndarray, following: np.ndarray) -> float:
