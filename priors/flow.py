@@ -8,6 +8,7 @@ import numpy as np
 
 from pnp_sci.errors import InputError
 
+from .bm3d import BM3D
 from .motion import SMALLEST, Motion, Search, finished, measure
 from .tv import TV
 
@@ -28,7 +29,7 @@ class Flow:
     estimates the optical flow from each frame straight to each of its neighbours (never chained: chains drift) and how
     far to trust it: where the flow there and the flow back do not cancel, or where the warped neighbour differs from
     the frame, it counts little. Every call denoises the frames on their own, by TV, and averages each with its
-    neighbours, warped onto it, by these weights.
+    neighbours, warped onto it, by these weights. A clip of one frame is left to :class:`priors.bm3d.BM3D`.
 
     Parameters
     ----------
@@ -65,7 +66,7 @@ class Flow:
             if not 0 < value < np.inf:
                 raise InputError(f"{name} is {value}: a number > 0 was expected")
         self.neighbours, self.tolerance, self.drift = int(neighbours), float(tolerance), float(drift)
-        self._before, self._frames = TV(), TV(STRENGTH, time=0, inner=3)
+        self._before, self._frames, self._alone = TV(), TV(STRENGTH, time=0, inner=3), BM3D(FIRST)
         self.reset()
 
     def __repr__(self) -> str:
@@ -77,17 +78,18 @@ class Flow:
         self._calls = 0
         self._fits: tuple[int, ...] | None = None
         self._motion: list[Motion] = []
-        self._before.reset()
-        self._frames.reset()
+        for denoiser in (self._before, self._frames, self._alone):
+            denoiser.reset()
 
     def __call__(self, x: Any, sigma: float, out: np.ndarray | None = None) -> np.ndarray:
         """Denoise x (V, B, H, W), values about [0, 1]; see :class:`priors.tv.TV` for the arguments."""
         if self._fits != np.shape(x):
             self.reset()
             self._fits = np.shape(x)
+        if len(self._fits) == 4 and self._fits[1] == 1:
+            return self._alone(x, sigma)
         self._calls += 1
-        small = min(np.shape(x)[-2:]) < SMALLEST or np.shape(x)[1] < 2
-        if self._calls <= FIRST or small or sigma > LOUD or self.tolerance * sigma < FAINT:
+        if self._calls <= FIRST or min(self._fits[-2:]) < SMALLEST or sigma > LOUD or self.tolerance * sigma < FAINT:
             return self._before(x, sigma, out)
         v = self._frames(x, sigma)
         if (self._calls - FIRST) % RENEW == 1 or not self._motion:

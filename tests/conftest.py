@@ -9,6 +9,7 @@ from hypothesis import settings
 
 import priors
 from priors import assisted
+from priors.bm3d import BM3D
 from priors.ffdnet import FFDNet
 from priors.flow import Flow
 from priors.tv import TV
@@ -54,9 +55,11 @@ CLASSICAL = [  # what is smooth already stays as it is
     pytest.param(Wavelet, id="wavelet"),
     pytest.param(lambda: Wavelet(wavelet="haar", time=0, shifts=2), id="haar frame by frame"),
     pytest.param(lambda: Wavelet(wavelet="bior4.4", time=3, levels=5), id="wavelet deep in time"),
+    pytest.param(lambda: BM3D(first=0), id="bm3d"),
 ]
 PRIORS = [
     *CLASSICAL,
+    pytest.param(BM3D, id="tv, then bm3d"),
     pytest.param(Flow, id="flow"),
     _learned(FFDNet, "ffdnet", "ffdnet"),
     _learned(VideoDenoiser, "video", "video"),

@@ -1,0 +1,114 @@
+"""Block matching and 3-D filtering: a frame holds the same things many times."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+
+from pnp_sci.errors import InputError
+
+from . import _bm3d_kernels as kernels
+from .tv import TV
+
+FIRST = 30  # calls of TV alone: groups made of an estimate that shows little keep what is wrong with it
+THRESHOLD = 2.7  # standard deviations, as Dabov et al. have it
+FAINT = 1e-6  # sigma below which nothing is left to do
+
+
+class BM3D:
+    """Frame by frame, groups of patches that look alike, filtered together.
+
+    Eight patches of 8 x 8 pixels become a cube, its transform (cosines along rows and columns, Haar across the patches)
+    is shrunk, and all cubes together make the frame again. In the first call the transform drops what is below 2.7
+    sigma; what comes of that is the signal of a Wiener filter, for the groups that it shows. In every further call the
+    signal is what the call before has returned: within a solver this is worth 0.7 dB and saves half of the time.
+
+    Parameters
+    ----------
+    first : int
+        Calls at the beginning of a video that are left to :class:`priors.tv.TV`, >= 0; 0 for a call by itself.
+
+    Raises
+    ------
+    InputError
+        If `first` is not a whole number >= 0, or x is not (V, B, H, W).
+
+    References
+    ----------
+    K. Dabov, A. Foi, V. Katkovnik & K. Egiazarian, "Image denoising by sparse 3-D transform-domain collaborative
+    filtering", IEEE TIP 16 (2007).
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> x = np.zeros((1, 1, 32, 32), np.float32); x[..., 16:] = 1
+    >>> noisy = x + 0.1 * np.random.default_rng(0).standard_normal(x.shape).astype(np.float32)
+    >>> bool(np.std(BM3D(first=0)(noisy, 0.1) - x) < 0.3 * np.std(noisy - x))
+    True
+    """
+
+    def __init__(self, first: int = FIRST):
+        if int(first) != first or first < 0:
+            raise InputError(f"first is {first}: a whole number >= 0 was expected")
+        self.first, self._before = int(first), TV()
+        self.reset()
+
+    def __repr__(self) -> str:
+        return f"BM3D(first={self.first})"
+
+    def reset(self) -> None:
+        """Forget the last result and what TV keeps: the next call starts a new video."""
+        self._calls = 0
+        self._signal = np.empty((0, 0, 0), np.float32)
+        self._fits: tuple[int, ...] | None = None
+        self._before.reset()
+
+    def __call__(self, x: Any, sigma: float) -> np.ndarray:
+        """Denoise x (V, B, H, W), values about [0, 1]; computed in float32.
+
+        Parameters
+        ----------
+        x : array_like, (V, B, H, W)
+        sigma : float
+            Standard deviation of the noise in the units of x, >= 0. At 0 a copy of x is returned.
+
+        Returns
+        -------
+        ndarray, (V, B, H, W)
+            In x's dtype if that is float64, else float32.
+        """
+        if self._fits != np.shape(x):
+            self.reset()
+            self._fits = np.shape(x)
+        self._calls += 1
+        if self._calls <= self.first or not sigma >= FAINT:
+            return self._before(x, sigma)
+        v = np.asarray(x)
+        v = np.ascontiguousarray(v, np.float64 if v.dtype == np.float64 else np.float32)
+        if v.ndim != 4 or v.size == 0:
+            raise InputError(f"x has shape {v.shape}: (views, frames, rows, columns) was expected, none of them 0")
+        rows, columns = v.shape[2:]
+        margins = ((0, 0), *((0, max(-n % kernels.STEP, kernels.SIDE - n)) for n in (rows, columns)))
+        frames = np.pad(v.reshape(-1, rows, columns).astype(np.float32), margins, mode="edge")
+        if self._signal.shape != frames.shape:
+            self._signal = filtered(frames, sigma, groups(frames))
+        self._signal = filtered(frames, sigma, groups(self._signal), self._signal)
+        clean = self._signal[:, :rows, :columns].reshape(v.shape)
+        return clean.astype(v.dtype)
+
+
+def groups(frames: np.ndarray) -> np.ndarray:
+    """For patches of frames (N, H, W), every four pixels, those most alike: int32 (N, H / 4 - 1, W / 4 - 1, 8)."""
+    count, rows, columns = frames.shape
+    found = np.empty((count, rows // kernels.STEP - 1, columns // kernels.STEP - 1, kernels.SIDE), np.int32)
+    kernels.match(frames, found)
+    return found
+
+
+def filtered(frames: np.ndarray, sigma: float, found: np.ndarray, signal: np.ndarray | None = None) -> np.ndarray:
+    """Frames (N, H, W) filtered in groups: by Wiener's filter for a `signal` (N, H, W), or by a threshold."""
+    out = np.empty_like(frames)
+    level, least = (np.float32(a) for a in (sigma, THRESHOLD * sigma))
+    kernels.collaborate(frames, frames[:0] if signal is None else signal, level, least, found, out)
+    return out
