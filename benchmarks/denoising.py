@@ -18,6 +18,7 @@ from skimage.restoration import denoise_nl_means
 
 import pnp_sci
 from pnp_sci.training.clips import load_clips, split
+from priors.bm3d import BM3D
 from priors.ffdnet import FFDNet
 from priors.tv import TV
 from priors.video import VideoDenoiser
@@ -47,6 +48,7 @@ METHODS = {  # candidates, of which the best counts; frames that a call works on
     "tv, best strength": ([TV(strength=s, time=0, inner=100) for s in STRENGTHS], 10),
     "tv along time too, best": ([TV(strength=s, time=1, inner=100) for s in STRENGTHS], 10),
     "wavelet, best strength": ([Wavelet(strength=s) for s in STRENGTHS], 10),
+    "bm3d": ([BM3D(first=0)], 10),
     "non-local means": ([alone(non_local_means)], 1),
     "ffdnet": ([FFDNet()], 10),
     "video": ([VideoDenoiser()], 10),
@@ -54,7 +56,7 @@ METHODS = {  # candidates, of which the best counts; frames that a call works on
 if find_spec("bm3d"):
     import bm3d
 
-    METHODS["BM3D"] = ([alone(bm3d.bm3d)], 1)
+    METHODS["the package bm3d"] = ([alone(bm3d.bm3d)], 1)
 
 
 def main():

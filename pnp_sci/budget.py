@@ -22,7 +22,7 @@ from .operator import SensingOperator
 
 MEASURED = Path(__file__).parent / "measured.json"  # made by `pnp-sci bench`; see docs/speed.md
 LEARNED = ("torch", "safetensors")  # what the networks need
-CLASSICAL = ("tv", "wavelet", "flow", "none")
+CLASSICAL = ("tv", "wavelet", "bm3d", "flow", "none")
 USUAL = {"init": "auto", "algorithm": "gap", "effort": "balanced"}  # of `solve`, left out of a recommendation
 PLAIN = {"prior", "init", "iterations"}
 OF_ANY_SIZE = ("auto", "adjoint")  # first estimates

@@ -1,0 +1,117 @@
+"""Block matching and 3-D filtering: its parts against brute force, and what it is worth."""
+
+import numpy as np
+import pytest
+from scipy.fft import dct
+from skimage import data
+from skimage.restoration import denoise_nl_means
+
+import pnp_sci
+from pnp_sci import psnr
+from pnp_sci.errors import InputError
+from priors import _bm3d_kernels as kernels
+from priors.bm3d import BM3D, filtered, groups
+from priors.flow import Flow
+from priors.tv import TV
+
+SIDE, STEP, REACH = kernels.SIDE, kernels.STEP, kernels.REACH
+
+
+def picture(rows=64, columns=64):
+    """A part of a photograph, float32 (rows, columns)."""
+    return data.camera()[100 : 100 + rows, 200 : 200 + columns].astype(np.float32) / 255
+
+
+def noisy(x, sigma):
+    return (x + sigma * np.random.default_rng(0).standard_normal(x.shape)).astype(np.float32)
+
+
+def test_transforms_are_orthonormal():
+    for transform, inverse in ((kernels.DCT, kernels.INVERSE_DCT), (kernels.HAAR, kernels.INVERSE_HAAR)):
+        np.testing.assert_allclose(transform @ inverse, np.eye(SIDE), atol=1e-6)
+    np.testing.assert_allclose(kernels.DCT, dct(np.eye(SIDE), norm="ortho", axis=0), atol=1e-6)
+
+
+@pytest.mark.parametrize("shape", [(8, 8), (8, 12), (24, 20), (76, 40)], ids=str)
+def test_the_nearest_patches_are_found(shape):
+    """Every group holds the patch itself and those at the smallest distances that brute force finds."""
+    frame = np.random.default_rng(0).random(shape, np.float32)
+    found = groups(frame[None])[0]
+    patches = np.lib.stride_tricks.sliding_window_view(frame, (SIDE, SIDE))
+    for r, c in np.ndindex(found.shape[:2]):
+        top, left = STEP * r, STEP * c
+        here = patches[top, left]
+        near = patches[max(top - REACH, 0) : top + REACH + 1, max(left - REACH, 0) : left + REACH + 1]
+        expected = np.sort(np.sum((near - here) ** 2, axis=(2, 3)), axis=None)[:SIDE]
+        at = np.unravel_index(found[r, c], shape)
+        distances = np.sum((patches[at] - here) ** 2, axis=(1, 2))
+        assert found[r, c, 0] == top * shape[1] + left
+        np.testing.assert_allclose(distances[: len(expected)], expected, rtol=1e-4, atol=1e-5)
+        assert not distances[len(expected) :].any()
+
+
+def test_nothing_is_lost_where_nothing_is_shrunk():
+    frames = np.stack([picture(44, 64), picture(44, 64)[::-1]])
+    found = groups(frames)
+    np.testing.assert_allclose(filtered(frames, 0.0, found), frames, atol=2e-6)
+    np.testing.assert_allclose(filtered(frames, 1e-6, found, frames), frames, atol=1e-5)
+
+
+@pytest.mark.parametrize("sigma", [0.05, 0.1])
+def test_better_than_non_local_means_and_total_variation(sigma):
+    clean = picture(128, 128)
+    seen = noisy(clean, sigma)
+    by_groups = BM3D(first=0)(seen[None, None], sigma)[0, 0]
+    by_means = denoise_nl_means(seen, h=0.8 * sigma, sigma=sigma, patch_size=5, patch_distance=6)
+    by_tv = max(psnr(TV(strength, inner=200)(seen[None, None], sigma)[0, 0], clean) for strength in (0.5, 0.7, 1.0))
+    assert psnr(by_groups, clean) > max(psnr(by_means, clean), by_tv) + 0.5
+
+
+def test_the_signal_is_that_of_the_last_call():
+    """The second call returns what a Wiener filter makes whose signal is the first result."""
+    seen = noisy(picture(), 0.1)[None, None]
+    denoise = BM3D(first=0)
+    first = denoise(seen, 0.1)
+    again = denoise(seen, 0.1)
+    assert np.array_equal(again[0], filtered(seen[0], 0.1, groups(first[0]), first[0]))
+    assert not np.array_equal(first, again)
+
+
+def test_follows_the_scale():
+    seen = noisy(picture(33, 45), 0.1)[None, None]
+    np.testing.assert_allclose(BM3D(first=0)(8 * seen, 0.8), 8 * BM3D(first=0)(seen, 0.1), rtol=1e-6)
+
+
+def test_frames_do_not_mix():
+    seen = noisy(np.stack([picture(), picture()[::-1]]), 0.1)
+    together = BM3D(first=0)(seen[None], 0.1)[0]
+    for frame, of_both in zip(seen, together):
+        assert np.array_equal(BM3D(first=0)(frame[None, None], 0.1)[0, 0], of_both)
+
+
+def test_tv_comes_first():
+    seen = noisy(picture(), 0.1)[None, None]
+    late, tv = BM3D(first=2), TV()
+    assert [np.array_equal(late(seen, 0.1), tv(seen, 0.1)) for _ in range(3)] == [True, True, False]
+
+
+@pytest.mark.parametrize("first", [-1, 0.5])
+def test_errors(first):
+    with pytest.raises(InputError, match=rf"first is {first}: a whole number >= 0"):
+        BM3D(first)
+
+
+def test_flow_leaves_clips_of_one_frame_to_it():
+    seen = noisy(picture(), 0.1)[None, None]
+    flow, alone = Flow(), BM3D()
+    for _ in range(32):
+        assert np.array_equal(flow(seen, 0.1), alone(seen, 0.1))
+
+
+def test_a_still_scene_gains_from_it():
+    scene = pnp_sci.datasets.embedded_scene(128)
+    still = np.repeat(scene.truth[:, 4:5], scene.truth.shape[1], axis=1)
+    y = pnp_sci.simulate(still, scene.masks)
+    by_tv, by_flow = (pnp_sci.solve(y, scene.masks, prior) for prior in ("tv", "flow"))
+    assert by_flow.scene["still"]
+    assert np.mean(psnr(by_flow.x, still)) > np.mean(psnr(by_tv.x, still)) + 1
