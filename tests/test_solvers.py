@@ -10,7 +10,7 @@ from hypothesis import strategies as st
 import pnp_sci
 from pnp_sci import SensingOperator
 from pnp_sci.problem import level
-from pnp_sci.schedule import contrast
+from pnp_sci.schedule import contrast, schedule_for
 from pnp_sci.solvers import ALGORITHMS, admm_step, gap_step, plain_gap_step, start
 from pnp_sci.solvers.gap import FASTEST, STEADY, TURNING, pace_after
 from priors.tv import TV
@@ -230,3 +230,40 @@ def test_the_first_estimate_reaches_pixels_that_no_mask_lets_light_to():
     lit = masks.any((0, 1))
     y = np.where(np.arange(48) < 24, op.forward(np.full(op.shape, 0.5, np.float32)), 0)
     assert not level(op, y)[:, :, :, 24:][..., lit[:, 24:]].any()  # what is measured as 0 is not filled
+
+
+def planes_of(views, frames):
+    return pnp_sci.SensingOperator(pnp_sci.random_masks((views, frames, 24, 24), seed=1))
+
+
+def test_noise_counts_the_more_the_fewer_frames_there_are():
+    """In units of the variance, at the same noise in a pixel of x; 20 frames have the same at any noise."""
+
+    def product(op, in_x):
+        noise = in_x * np.sqrt(np.mean(op.gram))
+        return schedule_for(op, noise).product / noise**2 * (1 + in_x)
+
+    loud = [product(planes_of(views, frames), 0.2) for views, frames in ((1, 1), (2, 1), (1, 8), (2, 6), (2, 10))]
+    assert loud == sorted(loud, reverse=True)
+    assert loud[0] > 5 * loud[-1]
+    faint = [product(planes_of(views, frames), 1e-4) for views, frames in ((1, 1), (1, 8), (2, 10))]
+    np.testing.assert_allclose([*faint, loud[-1]], 0.6, rtol=1e-3)
+
+
+def test_noise_of_each_pixel_makes_its_own_product():
+    op = planes_of(1, 8)
+    noise = np.array([[0.0, 0.1], [0.3, 0.5]]).repeat(12, 0).repeat(12, 1)
+    alone = [schedule_for(op, float(n)).product for n in noise.flat]
+    np.testing.assert_allclose(schedule_for(op, noise).product, np.reshape(alone, noise.shape))
+
+
+def test_a_noisy_still_scene_is_better_than_its_measurement():
+    """One view that stands still: y over the sum of its masks shows it as noisy as it came."""
+    scene = pnp_sci.datasets.embedded_scene(96)
+    truth = np.repeat(scene.truth[:1, 4:5], 8, axis=1)
+    masks = scene.masks[:1, :8]
+    y = pnp_sci.simulate(truth, masks, noise=0.03)
+    total = masks[0].sum(0, dtype=np.float32)
+    divided = np.divide(y, total, out=np.zeros_like(y), where=total > 0)
+    result = pnp_sci.solve(y, masks, "tv", scene=pnp_sci.SceneModel((True,), still=True))
+    assert pnp_sci.psnr(result.x[0, 0], truth[0, 0]) > pnp_sci.psnr(divided, truth[0, 0]) + 5
