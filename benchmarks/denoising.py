@@ -1,9 +1,9 @@
 """Every prior as a plain denoiser: PSNR against sigma on the validation clips, and the time a frame takes.
 
 White Gaussian noise on the first ten frames, central 256 x 256, of the clips whose scenes no network was trained on;
-the sixth frame is scored, which has neighbours either side. Non-local means and BM3D (``pip install bm3d``; left out
-where it is missing) see that frame alone. TV and wavelets have the best of a few strengths for each clip and sigma,
-which a solver does not know.
+the sixth frame is scored, which has neighbours either side. Non-local means and the package bm3d (``pip install
+bm3d``; left out where it is missing) see that frame alone. TV and wavelets have the best of a few strengths for each
+clip and sigma, which a solver does not know.
 
 PNP_SCI_DATA=... python benchmarks/denoising.py
 """

@@ -10,7 +10,7 @@ from .operator import SensingOperator
 
 SIGMA = 0.05  # without noise; accelerated GAP converges to the same limit for any, quickest around this one
 BALANCE = 0.6  # sigma * rho per variance of the noise, where that is small
-LOUD_BALANCE = 12.6  # ... and where it is not, times one and the number of frames of all views
+LOUD_BALANCE = 12.6  # ... and where it is not, for fewer than 20 frames of all views: this over one more than those
 LOUD = 0.03  # noise in a pixel of x, ``noise / sqrt(gram)``, that is half way from the one to the other
 SOFTEST = 0.15  # largest rho at the beginning, in units of the mean gram: with more, the data act slowly
 FALL = 40  # iterations in which a sigma that noise has raised falls
@@ -70,12 +70,12 @@ class Schedule:
 def schedule_for(op: SensingOperator, noise: float | np.ndarray, sigma: float | None = None) -> Schedule:
     """The schedule for a standard deviation `noise` of y, in units where x spans [0, 1], and maybe a given sigma.
 
-    What GAP and ADMM minimise depends on the product ``sigma * rho`` only, in units of the variance of the noise: 0.6
-    where that is small, as an estimate of it is mostly texture then; with more of it 0.6 for 20 frames of all views,
-    up to 4 for 2 of them and 6 for a still scene of one view. It is less again where the noise in a pixel of x,
-    ``noise / sqrt(gram)``, is no longer small, since the best weight of total variation then grows like the noise and
-    not like its square. How quickly they get there depends on the two apart: sigma begins with 0.05, or with what it
-    takes to have rho at 0.15 of the mean gram; from there it falls within 40 iterations half way back to 0.05 on a
+    What GAP and ADMM minimise depends on the product ``sigma * rho`` only. It is 0.6 times the variance of the noise
+    where noise is faint, as an estimate of it is mostly texture then, and with 20 frames of all views or more; with
+    fewer up to 4 times (2 frames) or 6 (one), the more the louder it is. It is less again where the noise in a pixel
+    of x, ``noise / sqrt(gram)``, is no longer small, since the best weight of total variation then grows like the noise
+    and not like its square. How quickly they get there depends on the two apart: sigma begins with 0.05, or with what
+    it takes to have rho at 0.15 of the mean gram; from there it falls within 40 iterations half way back to 0.05 on a
     scale of powers, where flow and networks can see the motion and the detail that TV leaves.
     Where pixels differ in noise, each has its own rho, and the mean of the products decides on sigma.
     The constants are one choice for all scenes, from coarse grids at noise levels from 0 to 0.2 of max(y) on clips of
@@ -96,5 +96,5 @@ def _product(noise: float | np.ndarray, gram: float, frames: int) -> float | np.
     """sigma * rho, see :func:`schedule_for`."""
     in_x = noise / np.sqrt(gram)
     loud = in_x**2 / (in_x**2 + LOUD**2)
-    balance = BALANCE + (LOUD_BALANCE / (1 + frames) - BALANCE) * loud
+    balance = BALANCE + max(LOUD_BALANCE / (1 + frames) - BALANCE, 0) * loud
     return balance * noise**2 / (1 + in_x)

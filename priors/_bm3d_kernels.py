@@ -10,7 +10,7 @@ import numpy as np
 from pnp_sci._jit import kernel, loop
 
 SIDE = 8  # pixels of a patch, along either axis, and patches of a group: one small product serves all three axes
-STEP = 4  # pixels between the patches that groups are made for
+STEP = 4  # pixels between the patches that groups are made for; a patch is two by two cells of so many
 REACH = 12  # pixels either side within which alike patches are looked for
 BAND = 8  # rows of groups that are filtered one after the other
 

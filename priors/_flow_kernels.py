@@ -17,6 +17,8 @@ def _catmull_rom(t: np.ndarray) -> np.ndarray:
 
 
 CUBIC = _catmull_rom(np.arange(FRACTION) / FRACTION)
+STEPS = 2048  # of an exponent from 0 to 1
+FADING = (255 * np.exp(-np.arange(np.ceil(STEPS * np.log(255))) / STEPS)).astype(np.uint8)  # as long as it is 1 or more
 
 
 @loop
@@ -81,9 +83,10 @@ def _box(picture, scratch):
 
 
 @kernel
-def consistency(flow, pairs, reverse, fading, trust):
-    """trust[p] <- fading[|flow there + flow back|^2] for each pair of frames, 0 beyond its end; uint8."""
+def consistency(flow, pairs, reverse, tolerance, trust):
+    """trust[p] <- 255 exp(-|flow there + flow back|^2 / tolerance^2) for each pair of frames, as uint8."""
     rows, columns = flow.shape[1:3]
+    scale = STEPS / (FRACTION * tolerance) ** 2
     for p in numba.prange(len(pairs)):
         there, back = flow[p], flow[reverse[p]]
         for i in range(rows):
@@ -93,9 +96,9 @@ def consistency(flow, pairs, reverse, fading, trust):
                 trust[p, i, j] = 0
                 if 0 <= y < rows and 0 <= x < columns:
                     dy, dx = there[i, j, 1] + back[y, x, 1], there[i, j, 0] + back[y, x, 0]
-                    square = dy * dy + dx * dx
-                    if square < len(fading):
-                        trust[p, i, j] = fading[square]
+                    step = (dy * dy + dx * dx) * scale
+                    if step < len(FADING):
+                        trust[p, i, j] = FADING[np.int64(step)]
 
 
 @kernel

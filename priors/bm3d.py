@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from numbers import Integral
 from typing import Any
 
 import numpy as np
@@ -51,8 +52,8 @@ class BM3D:
     """
 
     def __init__(self, first: int = FIRST):
-        if int(first) != first or first < 0:
-            raise InputError(f"first is {first}: a whole number >= 0 was expected")
+        if not isinstance(first, Integral) or first < 0:
+            raise InputError(f"first is {first!r}: a whole number >= 0 was expected")
         self.first, self._before = int(first), TV()
         self.reset()
 
@@ -73,6 +74,7 @@ class BM3D:
         Parameters
         ----------
         x : array_like, (V, B, H, W)
+            What is not finite spoils the results until `reset`.
         sigma : float
             Standard deviation of the noise in the units of x, >= 0. At 0 a copy of x is returned.
 
@@ -93,7 +95,7 @@ class BM3D:
             raise InputError(f"x has shape {v.shape}: (views, frames, rows, columns) was expected, none of them 0")
         rows, columns = v.shape[2:]
         margins = ((0, 0), *((0, max(-n % kernels.STEP, kernels.SIDE - n)) for n in (rows, columns)))
-        frames = np.pad(v.reshape(-1, rows, columns).astype(np.float32), margins, mode="edge")
+        frames = np.pad(v.reshape(-1, rows, columns).astype(np.float32, copy=False), margins, mode="edge")
         if not self._filtered:
             self._signal = filtered(frames, sigma, groups(frames))
         if self._filtered % RENEW == 0:

@@ -83,13 +83,18 @@ class Flow:
 
     def __call__(self, x: Any, sigma: float, out: np.ndarray | None = None) -> np.ndarray:
         """Denoise x (V, B, H, W), values about [0, 1]; see :class:`priors.tv.TV` for the arguments."""
-        if self._fits != np.shape(x):
+        shape = np.shape(x)
+        if self._fits != shape:
             self.reset()
-            self._fits = np.shape(x)
-        if len(self._fits) == 4 and self._fits[1] == 1:
-            return self._alone(x, sigma)
+            self._fits = shape
+        if len(shape) == 4 and shape[1] == 1:
+            clean = self._alone(x, sigma)
+            if out is None:
+                return clean
+            np.copyto(out, clean)
+            return out
         self._calls += 1
-        if self._calls <= FIRST or min(self._fits[-2:]) < SMALLEST or sigma > LOUD or self.tolerance * sigma < FAINT:
+        if self._calls <= FIRST or min(shape[-2:]) < SMALLEST or sigma > LOUD or self.tolerance * sigma < FAINT:
             return self._before(x, sigma, out)
         v = self._frames(x, sigma)
         if (self._calls - FIRST) % RENEW == 1 or not self._motion:

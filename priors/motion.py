@@ -98,7 +98,7 @@ def measure(view: np.ndarray, neighbours: int, tolerance: float, drift: float, s
     finally:
         cv2.setNumThreads(own)
     trust = np.empty(flow.shape[:3], np.uint8)
-    kernels.consistency(flow, pairs, reverse, _fading(drift), trust)
+    kernels.consistency(flow, pairs, reverse, drift, trust)
     motion = Motion(pairs, first, flow, np.empty_like(trust))
     kernels.weigh(view, flow, trust, pairs, view.dtype.type(tolerance), motion.weights)
     pilot = np.empty_like(view)  # frames already averaged are cleaner, and tell better which of them are alike
@@ -117,13 +117,6 @@ def finished(x: np.ndarray, sigma: float, neighbours: int, drift: float, search:
     for view, mean in zip(x, out):
         measure(view, neighbours, CERTAIN * sigma, drift, search).average(view, mean)
     return out
-
-
-@cache
-def _fading(drift: float) -> np.ndarray:
-    """``255 exp(-d^2 / drift^2)``, uint8, for all ``d^2`` in squared 64ths of a pixel for which it is 1 or more."""
-    scale = (kernels.FRACTION * drift) ** 2
-    return (255 * np.exp(-np.arange(scale * np.log(255)) / scale)).astype(np.uint8)
 
 
 @cache

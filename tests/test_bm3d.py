@@ -97,7 +97,7 @@ def test_tv_comes_first():
     assert [np.array_equal(late(seen, 0.1), tv(seen, 0.1)) for _ in range(3)] == [True, True, False]
 
 
-@pytest.mark.parametrize("first", [-1, 0.5])
+@pytest.mark.parametrize("first", [-1, 0.5, float("nan")])
 def test_errors(first):
     with pytest.raises(InputError, match=rf"first is {first}: a whole number >= 0"):
         BM3D(first)
@@ -107,7 +107,9 @@ def test_flow_leaves_clips_of_one_frame_to_it():
     seen = noisy(picture(), 0.1)[None, None]
     flow, alone = Flow(), BM3D()
     for _ in range(32):
-        assert np.array_equal(flow(seen, 0.1), alone(seen, 0.1))
+        out = np.empty_like(seen)
+        assert flow(seen, 0.1, out=out) is out
+        assert np.array_equal(out, alone(seen, 0.1))
 
 
 def test_a_still_scene_gains_from_it():

@@ -267,3 +267,14 @@ def test_a_noisy_still_scene_is_better_than_its_measurement():
     divided = np.divide(y, total, out=np.zeros_like(y), where=total > 0)
     result = pnp_sci.solve(y, masks, "tv", scene=pnp_sci.SceneModel((True,), still=True))
     assert pnp_sci.psnr(result.x[0, 0], truth[0, 0]) > pnp_sci.psnr(divided, truth[0, 0]) + 5
+
+
+@pytest.mark.parametrize("algorithm", sorted(ALGORITHMS))
+def test_the_memory_order_of_y_does_not_matter(algorithm):
+    scene = pnp_sci.datasets.embedded_scene(48)
+    op = SensingOperator(scene.masks)
+    ends = []
+    for y in (scene.y, np.asfortranarray(scene.y)):
+        states = pnp_sci.iterate(op, y, TV(), level(op, scene.y), algorithm=algorithm, noise=0.1)
+        ends.append(next(s.x for s in states if s.iteration == 5))
+    assert np.array_equal(*ends)

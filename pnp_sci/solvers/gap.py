@@ -54,9 +54,10 @@ def _multiplier(
     """q' and m of :func:`gap_step` (H, W), 0 in pixels that every mask leaves closed."""
     from .._kernels import multiplier
 
-    after, move = np.empty_like(dual), np.empty_like(dual)
+    after, move = (np.empty(dual.shape, op.dtype) for _ in range(2))
     bounds = np.empty(0, bool) if saturated is None else saturated.reshape(-1)
-    rho = np.asarray(rho, op.dtype).reshape(-1)
+    with np.errstate(over="ignore"):  # an infinite rho leaves nothing of the multiplier
+        rho = np.asarray(rho, op.dtype).reshape(-1)
     given, made = ([a.reshape(-1) for a in arrays] for arrays in ((dual, residual, op.gram), (after, move)))
     multiplier(*given, op.dtype.type(pace), rho, bounds, *made)
     return after, move
