@@ -63,7 +63,7 @@ class BM3D:
     def reset(self) -> None:
         """Forget the last result and what TV keeps: the next call starts a new video."""
         self._calls = 0
-        self._filtered = 0  # calls so far of which the rest speaks
+        self._filtered = 0  # calls that TV had no part in
         self._signal, self._groups = np.empty(0, np.float32), np.empty(0, np.int32)
         self._fits: tuple[int, ...] | None = None
         self._before.reset()
