@@ -9,6 +9,7 @@ import pnp_sci
 from pnp_sci import datasets
 from pnp_sci.errors import InputError
 from priors import assisted, flow
+from priors._flow_kernels import FRACTION, consistency
 from priors.flow import SEARCH, Flow
 from priors.motion import measure
 from priors.tv import TV
@@ -132,11 +133,20 @@ def test_errors_name_the_option(option):
         Flow(**option)
 
 
-def test_any_drift_serves():
-    """Tiny ones trust what comes back to its very place, huge ones all."""
-    clip = np.random.default_rng(0).random((1, 3, 40, 36), np.float32)
-    for drift in (1e-30, 1e30):
-        flow = Flow(drift=drift)
-        for _ in range(32):
-            out = flow(clip, 0.05)
-        assert np.isfinite(out).all()
+@pytest.mark.parametrize("drift", [1e-30, 0.3, 1.5, 1e30])
+def test_trust_falls_with_the_distance_between_there_and_back(drift):
+    """255 exp(-d^2 / drift^2), to one of 255, and nothing beyond the frame; of any drift."""
+    rows, columns = 20, 24
+    flow = np.random.default_rng(0).integers(-200, 200, (2, rows, columns, 2), np.int16)
+    flow[1, :, ::2] = -flow[0, :, ::2]  # some come back to where they were, where the flow there is none
+    flow[:, :4] = 0
+    pairs, reverse, trust = np.array([[0, 1], [1, 0]]), np.array([1, 0]), np.empty((2, rows, columns), np.uint8)
+    consistency(flow, pairs, reverse, drift, trust)
+    there, back = flow.astype(float) / FRACTION
+    i, j = np.mgrid[:rows, :columns]
+    y, x = i + np.floor(there[..., 1] + 0.5).astype(int), j + np.floor(there[..., 0] + 0.5).astype(int)
+    inside = (y >= 0) & (y < rows) & (x >= 0) & (x < columns)
+    distance = np.sum((there + back[np.clip(y, 0, rows - 1), np.clip(x, 0, columns - 1)]) ** 2, -1)
+    expected = np.where(inside, 255 * np.exp(-distance / drift / drift), 0)
+    assert np.abs(trust[0] - expected).max() <= 1
+    assert (trust[0, :3] == 255).all()
