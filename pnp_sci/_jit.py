@@ -21,7 +21,7 @@ if "OMP_WAIT_POLICY" not in os.environ:
     os.environ.setdefault("GOMP_SPINCOUNT", "10000")
 
 PARALLEL_FROM = 32_768  # elements of the largest array; below, starting threads costs more than they save
-_FASTMATH = {"contract", "nsz", "arcp"}  # NaN and inf keep their meaning: the guard has to see them
+FASTMATH = {"contract", "nsz", "arcp"}  # NaN and inf keep their meaning: the guard has to see them
 
 
 def _twin(function: FunctionType, suffix: str) -> FunctionType:
@@ -42,7 +42,7 @@ def _reentrant() -> bool:
 def kernel(function: Callable[..., Any]) -> Callable[..., Any]:
     """Compile `function` (which loops with ``numba.prange``) on its first call; return a dispatcher."""
     assert isinstance(function, FunctionType)
-    options = {"cache": True, "fastmath": _FASTMATH, "error_model": "numpy"}
+    options = {"cache": True, "fastmath": FASTMATH, "error_model": "numpy"}
     serial = numba.njit(**options)(_twin(function, "_serial"))
     parallel = numba.njit(parallel=True, **options)(_twin(function, "_parallel"))
 
@@ -56,8 +56,8 @@ def kernel(function: Callable[..., Any]) -> Callable[..., Any]:
     return dispatch
 
 
-device_function = numba.njit(inline="always", cache=True, fastmath=_FASTMATH, error_model="numpy")
+device_function = numba.njit(inline="always", cache=True, fastmath=FASTMATH, error_model="numpy")
 
 # One plain loop over arrays, a function of its own: inside a parallel region LLVM does not vectorise it where several
 # arrays are written, as it cannot tell them apart.
-loop = numba.njit(cache=True, fastmath=_FASTMATH, error_model="numpy")
+loop = numba.njit(cache=True, fastmath=FASTMATH, error_model="numpy")

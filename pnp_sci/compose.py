@@ -69,7 +69,9 @@ class Joint:
 
     def __init__(self, denoisers: Sequence[Denoiser]):
         self.denoisers = list(denoisers)
-        self.learned = any(getattr(denoiser, "learned", False) for denoiser in self.denoisers)
+        self.learned, self.thorough = (
+            any(getattr(denoiser, name, False) for denoiser in self.denoisers) for name in ("learned", "thorough")
+        )
 
     def __repr__(self) -> str:
         return f"Joint({self.denoisers})"

@@ -1,37 +1,35 @@
 """Groups of alike patches: finding them in a frame, filtering them together, and putting the frame together again.
 
-A group is an array of SIDE x SIDE x SIDE, the patches of it last, so that every transform is a product of small
-matrices with vectors.
+A group is a cube, flat: patch after patch, row after row. Loops over it are of constant length and read what they need
+before they write, so that LLVM makes vectors of eight.
 """
 
 import numba
 import numpy as np
 
-from pnp_sci._jit import kernel, loop
+from pnp_sci._jit import FASTMATH, kernel, loop
 
-SIDE = 8  # pixels of a patch, along either axis, and patches of a group: one small product serves all three axes
+SIDE = 8  # pixels of a patch, along either axis, and patches of a group
+SQUARE, CUBE = SIDE**2, SIDE**3
 STEP = 4  # pixels between the patches that groups are made for; a patch is two by two cells of so many
 REACH = 12  # pixels either side within which alike patches are looked for
 BAND = 8  # rows of groups that are filtered one after the other
 
 
-def _haar(size: int) -> np.ndarray:
-    """The orthonormal Haar transform, (size, size)."""
-    if size == 1:
-        return np.ones((1, 1))
-    coarse, fine = np.kron(_haar(size // 2), [1, 1]), np.kron(np.eye(size // 2), [1, -1])
-    return np.concatenate([coarse, fine]) / np.sqrt(2)
-
-
 def _cosines(size: int) -> np.ndarray:
-    """The orthonormal discrete cosine transform, (size, size)."""
+    """The orthonormal discrete cosine transform, (size, size), a cosine in each row."""
     k, n = np.mgrid[:size, :size]
     return np.cos(np.pi * k * (2 * n + 1) / (2 * size)) * np.sqrt(np.where(k, 2, 1) / size)
 
 
-DCT, HAAR = _cosines(SIDE).astype(np.float32), _haar(SIDE).astype(np.float32)
-INVERSE_DCT, INVERSE_HAAR = np.ascontiguousarray(DCT.T), np.ascontiguousarray(HAAR.T)
-WINDOW = np.outer(np.kaiser(SIDE, 2), np.kaiser(SIDE, 2)).astype(np.float32)  # patches count less at their edges
+FORWARD, INVERSE = 0, 1
+BASES = np.stack([_cosines(SIDE).T, _cosines(SIDE)]).astype(np.float32)  # in memory that nothing writes, for LLVM
+OF_TWO, OF_FOUR, OF_EIGHT = (np.float32(1 / np.sqrt(n)) for n in (2, 4, 8))  # orthonormal Haar waves of so many patches
+EDGE = np.kaiser(SIDE, 2).astype(np.float32)  # patches count less at their edges
+WINDOW = np.outer(EDGE, EDGE).reshape(-1)
+
+# a loop whose sums LLVM may take in any order: nothing in them is infinite
+summing = numba.njit(cache=True, fastmath=FASTMATH | {"reassoc"}, error_model="numpy")
 
 
 @loop
@@ -105,71 +103,157 @@ def match(frames, found):
 
 
 @loop
-def _gather(pixels, columns, places, group):
-    """group <- the patches at these places."""
-    for i in range(SIDE):
+def _gather(pixels, columns, places, cube):
+    """cube <- the patches at these places."""
+    for k in range(SIDE):
+        for i in range(SIDE):
+            at, to = places[k] + i * columns, SQUARE * k + SIDE * i
+            _copy(pixels[at : at + SIDE], cube[to : to + SIDE])
+
+
+@loop
+def _copy(row, out):
+    """out <- row, both of SIDE values: all are read before one is written, so that LLVM makes vectors of them."""
+    a, b, c, d, e, f, g, h = row[0], row[1], row[2], row[3], row[4], row[5], row[6], row[7]
+    out[0], out[1], out[2], out[3], out[4], out[5], out[6], out[7] = a, b, c, d, e, f, g, h
+
+
+@loop
+def _add(row, out):
+    """out += row, both of SIDE values."""
+    a, b, c, d = row[0] + out[0], row[1] + out[1], row[2] + out[2], row[3] + out[3]
+    e, f, g, h = row[4] + out[4], row[5] + out[5], row[6] + out[6], row[7] + out[7]
+    out[0], out[1], out[2], out[3], out[4], out[5], out[6], out[7] = a, b, c, d, e, f, g, h
+
+
+@loop
+def _rows(basis, v):
+    """v <- the products of its rows, SIDE values each, with the columns of a basis."""
+    m = BASES[basis]
+    for r in range(SQUARE):
+        at = SIDE * r
+        a, b, c, d, e, f, g, h = v[at], v[at + 1], v[at + 2], v[at + 3], v[at + 4], v[at + 5], v[at + 6], v[at + 7]
+        for n in range(SIDE):
+            first = a * m[0, n] + b * m[1, n] + c * m[2, n] + d * m[3, n]
+            v[at + n] = first + e * m[4, n] + f * m[5, n] + g * m[6, n] + h * m[7, n]
+
+
+@loop
+def _columns(basis, v):
+    """v <- the products of its columns, SIDE values each, with the columns of a basis."""
+    m = BASES[basis]
+    for k in range(SIDE):
         for j in range(SIDE):
-            for k in range(SIDE):
-                group[i, j, k] = pixels[places[k] + i * columns + j]
+            at = SQUARE * k + j
+            a, b, c, d = v[at], v[at + SIDE], v[at + 2 * SIDE], v[at + 3 * SIDE]
+            e, f, g, h = v[at + 4 * SIDE], v[at + 5 * SIDE], v[at + 6 * SIDE], v[at + 7 * SIDE]
+            for n in range(SIDE):
+                first = a * m[0, n] + b * m[1, n] + c * m[2, n] + d * m[3, n]
+                v[at + SIDE * n] = first + e * m[4, n] + f * m[5, n] + g * m[6, n] + h * m[7, n]
 
 
 @loop
-def _product(matrix, v, out):
-    """out (N, L) <- matrix (N, SIDE) times v (SIDE, L)."""
-    for n in range(len(matrix)):
-        m, o = matrix[n], out[n]
-        m0, m1, m2, m3, m4, m5, m6, m7 = m[0], m[1], m[2], m[3], m[4], m[5], m[6], m[7]
-        for x in range(o.size):
-            first = m0 * v[0, x] + m1 * v[1, x] + m2 * v[2, x] + m3 * v[3, x]
-            o[x] = first + m4 * v[4, x] + m5 * v[5, x] + m6 * v[6, x] + m7 * v[7, x]
+def _haar(v):
+    """v <- its orthonormal Haar transform across the patches, the mean first."""
+    for x in range(SQUARE):
+        a, b, c, d = v[x], v[x + SQUARE], v[x + 2 * SQUARE], v[x + 3 * SQUARE]
+        e, f, g, h = v[x + 4 * SQUARE], v[x + 5 * SQUARE], v[x + 6 * SQUARE], v[x + 7 * SQUARE]
+        ab, cd, ef, gh = a + b, c + d, e + f, g + h
+        v[x], v[x + SQUARE] = OF_EIGHT * (ab + cd + ef + gh), OF_EIGHT * (ab + cd - ef - gh)
+        v[x + 2 * SQUARE], v[x + 3 * SQUARE] = OF_FOUR * (ab - cd), OF_FOUR * (ef - gh)
+        v[x + 4 * SQUARE], v[x + 5 * SQUARE] = OF_TWO * (a - b), OF_TWO * (c - d)
+        v[x + 6 * SQUARE], v[x + 7 * SQUARE] = OF_TWO * (e - f), OF_TWO * (g - h)
 
 
 @loop
-def _transform(rows, patches, group, out):
-    """out <- `rows` along both axes of the patches of a group, which is lost, `patches` from behind across them."""
-    _product(rows, group.reshape(SIDE, -1), out.reshape(SIDE, -1))
-    for i in range(SIDE):
-        _product(rows, out[i], group[i])
-    _product(group.reshape(-1, SIDE), patches, out.reshape(-1, SIDE))
+def _unhaar(v):
+    """The inverse of :func:`_haar`."""
+    for x in range(SQUARE):
+        s, t = OF_EIGHT * v[x], OF_EIGHT * v[x + SQUARE]
+        p, q = OF_FOUR * v[x + 2 * SQUARE], OF_FOUR * v[x + 3 * SQUARE]
+        a, b = OF_TWO * v[x + 4 * SQUARE], OF_TWO * v[x + 5 * SQUARE]
+        c, d = OF_TWO * v[x + 6 * SQUARE], OF_TWO * v[x + 7 * SQUARE]
+        v[x], v[x + SQUARE] = s + t + p + a, s + t + p - a
+        v[x + 2 * SQUARE], v[x + 3 * SQUARE] = s + t - p + b, s + t - p - b
+        v[x + 4 * SQUARE], v[x + 5 * SQUARE] = s - t + q + c, s - t + q - c
+        v[x + 6 * SQUARE], v[x + 7 * SQUARE] = s - t - q + d, s - t - q - d
 
 
 @loop
-def _threshold(group, least):
-    """group <- 0 where smaller than `least`; returns how much its patches count, the more the less is left."""
-    flat, kept = group.reshape(-1), 0
-    for k in range(flat.size):
-        if abs(flat[k]) < least:
-            flat[k] = 0
+def _spectrum(pixels, columns, places, cube):
+    """cube <- the transform of the group of patches at these places."""
+    _gather(pixels, columns, places, cube)
+    _rows(FORWARD, cube)
+    _columns(FORWARD, cube)
+    _haar(cube)
+
+
+@loop
+def _threshold(cube, least):
+    """cube <- 0 where smaller than `least`; returns how much its patches count, the more the less is left."""
+    kept = 0
+    for x in range(cube.size):
+        if abs(cube[x]) < least:
+            cube[x] = 0
         else:
             kept += 1
     return 1 / max(kept, 1)
 
 
 @loop
-def _shrink(group, pilot, variance, lanes):
-    """group <- what a Wiener filter leaves of it whose signal is the pilot; returns how much its patches count."""
-    flat, seen = group.reshape(-1, SIDE), pilot.reshape(-1, SIDE)
-    lanes[:] = 0  # sums of every SIDE-th square: that many at a time
-    for c in range(len(flat)):
-        v, s = flat[c], seen[c]
-        for k in range(SIDE):
-            square = s[k] * s[k]
-            share = square / (square + variance)
-            v[k] *= share
-            lanes[k] += share * share
-    return 1 / max(lanes.sum(), lanes.dtype.type(1e-6))
+def _shrink(cube, signal, variance):
+    """cube <- what a Wiener filter leaves of it for a signal, which is lost; returns how much its patches count."""
+    for x in range(CUBE):
+        square = signal[x] * signal[x]
+        signal[x] = square / (square + variance)
+    for x in range(CUBE):
+        cube[x] *= signal[x]
+    return 1 / max(_energy(signal), 1e-6)
+
+
+@summing
+def _energy(v):
+    """The sum of squares."""
+    total = v.dtype.type(0)
+    for x in range(CUBE):
+        total += v[x] * v[x]
+    return total
 
 
 @loop
-def _scatter(group, places, columns, begin, weight, total, weights):
-    """Add the patches, by weight, to total and weights, which begin at pixel `begin`."""
+def _scatter(cube, window, weight, places, columns, begin, total, weights):
+    """Add the patches of a cube, which is lost, by weight, to total, and the weight to that of each place.
+
+    total and weights begin at pixel `begin`. The window is to weigh the patches; it comes to weigh the weights later.
+    """
     for k in range(SIDE):
+        for x in range(SQUARE):
+            cube[SQUARE * k + x] *= weight * window[x]
         for i in range(SIDE):
-            at = places[k] + i * columns - begin
-            for j in range(SIDE):
-                w = weight * WINDOW[i, j]
-                total[at + j] += w * group[i, j, k]
-                weights[at + j] += w
+            at, of = places[k] + i * columns - begin, SQUARE * k + SIDE * i
+            _add(cube[of : of + SIDE], total[at : at + SIDE])
+        weights[places[k] - begin] += weight
+
+
+@loop
+def _add_times(factor, v, out):
+    """out += factor * v."""
+    for x in range(out.size):
+        out[x] += factor * v[x]
+
+
+@loop
+def _spread(weights, out):
+    """out (H, W) <- the sums of windows of patches that begin at each pixel, times the weight (H, W) of each."""
+    rows, columns = weights.shape
+    out[:] = 0
+    along = np.zeros(columns, weights.dtype)
+    for r in range(rows - SIDE + 1):
+        along[:] = 0
+        for j in range(SIDE):
+            _add_times(EDGE[j], weights[r, : columns - SIDE + 1], along[j : columns - SIDE + 1 + j])
+        for i in range(SIDE):
+            _add_times(EDGE[i], along, out[r + i])
 
 
 @kernel
@@ -188,30 +272,31 @@ def collaborate(frames, pilot, sigma, least, found, out):
     for job in numba.prange(count * bands):
         n, first = job // bands, job % bands * BAND
         pixels, begin = frames[n].reshape(-1), _begin(first, height, rows) * columns
-        group = np.empty((SIDE, SIDE, SIDE), frames.dtype)
-        signal, spectrum, lanes = np.empty_like(group), np.empty_like(group), np.empty(SIDE, frames.dtype)
+        cube, signal = np.empty(CUBE, frames.dtype), np.empty(CUBE, frames.dtype)
         for r in range(first, min(first + BAND, tops)):
             for c in range(lefts):
                 places = found[n, r, c]
-                _gather(pixels, columns, places, group)
-                _transform(DCT, INVERSE_HAAR, group, spectrum)
-                mean = spectrum[0, 0, 0]
+                _spectrum(pixels, columns, places, cube)
+                mean = cube[0]
                 if len(pilot) > 0:
-                    _gather(pilot[n].reshape(-1), columns, places, group)
-                    _transform(DCT, INVERSE_HAAR, group, signal)
-                    weight = _shrink(spectrum, signal, sigma * sigma, lanes)
+                    _spectrum(pilot[n].reshape(-1), columns, places, signal)
+                    weight = _shrink(cube, signal, sigma * sigma)
                 else:
-                    weight = _threshold(spectrum, least)
-                spectrum[0, 0, 0] = mean
-                _transform(INVERSE_DCT, HAAR, spectrum, group)
-                _scatter(group, places, columns, begin, frames.dtype.type(weight), total[job], weights[job])
+                    weight = _threshold(cube, least)
+                cube[0] = mean
+                _unhaar(cube)
+                _columns(INVERSE, cube)
+                _rows(INVERSE, cube)
+                _scatter(cube, WINDOW, frames.dtype.type(weight), places, columns, begin, total[job], weights[job])
     for n in numba.prange(count):
-        sums, shares = np.zeros(rows * columns, frames.dtype), np.zeros(rows * columns, frames.dtype)
+        sums, places = np.zeros((rows, columns), frames.dtype), np.zeros((rows, columns), frames.dtype)
         for band in range(bands):
-            begin = _begin(band * BAND, height, rows) * columns
-            sums[begin : begin + height * columns] += total[n * bands + band]
-            shares[begin : begin + height * columns] += weights[n * bands + band]
-        out[n] = (sums / shares).reshape((rows, columns))
+            begin, job = _begin(band * BAND, height, rows), n * bands + band
+            sums[begin : begin + height] += total[job].reshape(height, columns)
+            places[begin : begin + height] += weights[job].reshape(height, columns)
+        shares = np.empty((rows, columns), frames.dtype)
+        _spread(places, shares)
+        out[n] = sums / shares
 
 
 @loop

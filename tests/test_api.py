@@ -536,7 +536,13 @@ def test_non_finite_input_is_counted(scene):
 
 
 def test_more_frames_take_a_network_more_iterations():
-    counts = [most_iterations("balanced", True, frames) for frames in (1, 20, 28, 40, 1000)]
+    counts = [most_iterations("balanced", True, False, frames) for frames in (1, 20, 28, 40, 1000)]
     assert counts == [60, 60, 72, 80, 80]
-    assert most_iterations("balanced", False, 1000) == 100
-    assert [most_iterations("best", True, frames) for frames in (1, 12, 16, 20, 1000)] == [60, 60, 70, 80, 80]
+    assert [most_iterations("best", True, False, frames) for frames in (1, 12, 16, 20, 1000)] == [60, 60, 70, 80, 80]
+
+
+@pytest.mark.parametrize(("thorough", "many"), [(False, 100), (True, 60)])
+def test_few_frames_take_fewer_iterations(thorough, many):
+    counts = [most_iterations("balanced", False, thorough, frames) for frames in (1, 2, 3, 4, 20)]
+    assert counts == [55, 70, 85, 100, many]
+    assert most_iterations("fast", False, thorough, 1) == 50

@@ -2,7 +2,7 @@
 
 import numpy as np
 import pytest
-from scipy.fft import dct
+from scipy.fft import dct, dctn
 from skimage import data
 from skimage.restoration import denoise_nl_means
 
@@ -10,7 +10,7 @@ import pnp_sci
 from pnp_sci import psnr
 from pnp_sci.errors import InputError
 from priors import _bm3d_kernels as kernels
-from priors.bm3d import BM3D, RENEW, filtered, groups
+from priors.bm3d import BM3D, RENEW, SETTLED, STRENGTH, filtered, groups
 from priors.flow import Flow
 from priors.tv import TV
 
@@ -26,10 +26,41 @@ def noisy(x, sigma):
     return (x + sigma * np.random.default_rng(0).standard_normal(x.shape)).astype(np.float32)
 
 
-def test_transforms_are_orthonormal():
-    for transform, inverse in ((kernels.DCT, kernels.INVERSE_DCT), (kernels.HAAR, kernels.INVERSE_HAAR)):
-        np.testing.assert_allclose(transform @ inverse, np.eye(SIDE), atol=1e-6)
-    np.testing.assert_allclose(kernels.DCT, dct(np.eye(SIDE), norm="ortho", axis=0), atol=1e-6)
+def haar(size):
+    """The orthonormal Haar transform, (size, size), by its definition."""
+    if size == 1:
+        return np.ones((1, 1))
+    coarse, fine = np.kron(haar(size // 2), [1, 1]), np.kron(np.eye(size // 2), [1, -1])
+    return np.concatenate([coarse, fine]) / np.sqrt(2)
+
+
+def test_the_transform_of_a_group():
+    """Cosines along both axes of its patches and Haar waves across them; the inverses lead back."""
+    group = np.random.default_rng(0).standard_normal((SIDE, SIDE, SIDE)).astype(np.float32)
+    cube = group.reshape(-1).copy()
+    kernels._rows(kernels.FORWARD, cube)
+    np.testing.assert_allclose(cube.reshape(group.shape), dct(group, norm="ortho", axis=2), atol=1e-5)
+    kernels._columns(kernels.FORWARD, cube)
+    planes = dctn(group, norm="ortho", axes=(1, 2))
+    np.testing.assert_allclose(cube.reshape(group.shape), planes, atol=1e-5)
+    kernels._haar(cube)
+    np.testing.assert_allclose(cube.reshape(SIDE, -1), haar(SIDE) @ planes.reshape(SIDE, -1), atol=1e-5)
+    kernels._unhaar(cube)
+    kernels._columns(kernels.INVERSE, cube)
+    kernels._rows(kernels.INVERSE, cube)
+    np.testing.assert_allclose(cube.reshape(group.shape), group, atol=1e-5)
+
+
+def test_windows_of_weights():
+    """What weights of patches come to in each pixel, against windows added one by one."""
+    weights = np.zeros((13, 17), np.float32)
+    weights[: -SIDE + 1, : -SIDE + 1] = np.random.default_rng(0).random((6, 10))
+    expected = np.zeros(weights.shape)
+    for r, c in np.argwhere(weights):
+        expected[r : r + SIDE, c : c + SIDE] += weights[r, c] * kernels.WINDOW.reshape(SIDE, SIDE)
+    out = np.full_like(weights, np.nan)
+    kernels._spread(weights, out)
+    np.testing.assert_allclose(out, expected, rtol=1e-5)
 
 
 @pytest.mark.parametrize("shape", [(8, 8), (8, 12), (24, 20), (76, 40)], ids=str)
@@ -68,15 +99,31 @@ def test_better_than_non_local_means_and_total_variation(sigma):
 
 
 def test_the_signal_is_that_of_the_last_call():
-    """The first call thresholds and then filters; the others filter, by new groups in every fourth call."""
+    """The first call thresholds and then filters; the others filter more, by new groups in every fourth call."""
     seen = noisy(picture(), 0.1)[None, None]
     denoise = BM3D(first=0)
     signal = filtered(seen[0], 0.1, groups(seen[0]))
     for n in range(6):
         if n % RENEW == 0:
             found = groups(signal)
-        signal = filtered(seen[0], 0.1, found, signal)
+        signal = filtered(seen[0], 0.1 * (STRENGTH if n else 1), found, signal)
         assert np.array_equal(denoise(seen, 0.1)[0], signal)
+
+
+def test_estimates_flicker_after_ten_calls_a_frame():
+    seen = noisy(np.stack([picture(), picture()[::-1]]), 0.1)[:, None]
+    denoise, flow = BM3D(first=3), Flow()
+    restless = [denoise.restless]
+    for _ in range(3 + 2 * SETTLED + 1):
+        denoise(seen, 0.1)
+        restless.append(denoise.restless)
+    assert restless == [False] * (len(restless) - 1) + [True]
+    denoise.reset()
+    assert not denoise.restless
+    for _ in range(30 + 2 * SETTLED + 1):
+        assert not flow.restless
+        flow(seen, 0.1)
+    assert flow.restless
 
 
 def test_follows_the_scale():

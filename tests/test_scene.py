@@ -59,7 +59,7 @@ def test_flow_contradicts_where_tv_makes_too_little_of_a_moving_scene(monkeypatc
     assert not solve(y, masks, "flow", iterations=1).scene["still"]
     moving, frozen = (solve(y, masks, "flow", scene=model) for model in ("auto", SceneModel((True, True), True)))
     assert psnr(moving, truth) > psnr(frozen, truth)
-    monkeypatch.setattr("pnp_sci.scene.CONTRADICTED", np.inf)
+    monkeypatch.setattr("pnp_sci.scene.CAREFULLY", np.inf)
     assert solve(y, masks, "flow", iterations=1).scene["still"]
 
 
