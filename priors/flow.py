@@ -29,7 +29,8 @@ class Flow:
     estimates the optical flow from each frame straight to each of its neighbours (never chained: chains drift) and how
     far to trust it: where the flow there and the flow back do not cancel, or where the warped neighbour differs from
     the frame, it counts little. Every call denoises the frames on their own, by TV, and averages each with its
-    neighbours, warped onto it, by these weights. A clip of one frame is left to :class:`priors.bm3d.BM3D`.
+    neighbours, warped onto it, by these weights; :class:`priors.bm3d.BM3D` filters what comes of it, and has clips of
+    one frame for itself.
 
     Parameters
     ----------
