@@ -28,6 +28,7 @@ CLEARLY = 0.8
 # ... where a careful comparison follows: on 11 such clips still ones have at most 1.12 of it, but for one of 44. There,
 # with flow in the place of TV, still ones have at most 1.4 but for four of one view, moving ones 1.7 but for one clip.
 PERHAPS, CAREFULLY = 1.2, 1.4
+NEGLIGIBLE = 0.005**2  # of the mean square of y: a squared error that no model is refused for
 
 
 @dataclass(frozen=True)
@@ -207,14 +208,16 @@ def _predicts_better(
         for error in _prediction_errors(model.reduce(part), y, seen, noise, prior, *iterations):
             yield float(np.mean(error[hidden] ** 2)) - noise**2
 
-    of_simple = next(squares(simple, denoiser, ITERATIONS))
+    slack = NEGLIGIBLE * float(np.mean(y**2))
+    of_simple = next(squares(simple, denoiser, ITERATIONS)) - slack
     share = PERHAPS if careful else CLEARLY
     # below 0 all is noise, and tells nothing; the other model only gets better after the early look
     if not all(square > 0 and of_simple <= share * square for square in squares(other, denoiser, EARLY, ITERATIONS)):
         return False
     if careful is None:
         return True
-    return next(squares(simple, careful, ITERATIONS)) <= CAREFULLY * next(squares(other, careful, ITERATIONS))
+    of_simple = next(squares(simple, careful, ITERATIONS)) - slack
+    return of_simple <= CAREFULLY * next(squares(other, careful, ITERATIONS))
 
 
 def _prediction_errors(

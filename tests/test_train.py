@@ -69,6 +69,20 @@ def test_command_line_writes_weights_curves_and_card(folder, tmp_path):
     assert len(curves) == 3
 
 
+def test_training_goes_on_from_other_weights(folder, tmp_path):
+    first = tmp_path / "first.safetensors"
+    common = ["ffdnet", "--data", str(folder), "--steps", "1", "--crop", "16", "--batch", "1"]
+    for more in (["--weights", str(first)], ["--start", str(first), "--seed", "1"]):
+        result = CliRunner().invoke(cli.main, [*common, "--out", str(tmp_path / "run"), *more], catch_exceptions=False)
+        assert result.exit_code == 0, result.output
+    begun, gone_on = (_weights.load(path, "ffdnet")[0] for path in (first, tmp_path / "run" / "ffdnet.safetensors"))
+    for one, other in zip(begun.parameters(), gone_on.parameters()):
+        torch.testing.assert_close(other, one, atol=1e-5, rtol=1e-3)
+    card = (tmp_path / "run" / "ffdnet.md").read_text()
+    assert "--start first.safetensors" in card
+    assert "Training began with earlier weights." in card
+
+
 def test_without_a_scene_to_hold_out_the_curves_say_so(folder, tmp_path, monkeypatch):
     monkeypatch.setattr(clips, "split", lambda loaded: (loaded, []))
     progress = train(folder, tmp_path, steps=2)

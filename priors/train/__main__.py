@@ -22,6 +22,7 @@ PATH = click.Path(path_type=Path)
 @click.command(context_settings={"show_default": True})
 @click.argument("name", type=click.Choice(sorted(SAMPLES)))
 @click.option("--data", type=FOLDER, multiple=True, required=True, help="Folder of videos or photographs; repeatable.")
+@click.option("--start", type=PATH, help="Weights to start from.  [default: random; for the video net the image net's]")
 @click.option("--out", type=PATH, help="Folder for checkpoint and curves.  [default: runs/NAME]")
 @click.option(
     "--weights", type=PATH, help="Weights to write, the model card beside them.  [default: OUT/NAME.safetensors]"
@@ -41,11 +42,11 @@ PATH = click.Path(path_type=Path)
 @click.option("--optimizer", type=click.Choice(OPTIMIZERS), default="adam", help="Adam, or Muon for the kernels.")
 @click.option("--validations", default=20, type=click.IntRange(min=1), help="How often the files are renewed.")
 @click.option("--resume", is_flag=True, help="Continue from the checkpoint in the output folder.")
-def main(name, data, out, weights, minutes, steps, seed, rate, crop, batch, optimizer, validations, resume):
+def main(name, data, start, out, weights, minutes, steps, seed, rate, crop, batch, optimizer, validations, resume):
     """Train the prior NAME on a folder of videos; for the image net, of photographs too.
 
     The video net starts from the image net of this package, which cleans the frames that it sees: to train both, train
-    that first, with --weights priors/weights/ffdnet.safetensors.
+    that first, with --weights priors/weights/ffdnet.safetensors. --start goes on from other weights of NAME.
     Checkpoint, curves (CSV), weights and model card are renewed on the way. Works under torchrun.
     """
     out = out or Path("runs") / name
@@ -56,12 +57,14 @@ def main(name, data, out, weights, minutes, steps, seed, rate, crop, batch, opti
     spent = f"--minutes {minutes:g}" if steps is None else f"--steps {steps}"
     size = "".join(f" --{key} {value}" for key, value in asked.items())
     learning = f"--seed {seed} --rate {rate:g} --optimizer {optimizer}"
-    command = f"python -m priors.train {name} {folders} {spent} {learning}{size}"
+    begun = f" --start {start.name}" if start else ""
+    command = f"python -m priors.train {name} {folders} {spent} {learning}{size}{begun}"
 
     def run() -> None:
         numba.set_num_threads(min(torch.get_num_threads(), numba.get_num_threads()))  # as torchrun shares them
         training, validation = split(load_clips(data))
-        task = Denoising(name, training, validation, sample, seed, weights or out / f"{name}.safetensors", command)
+        path = weights or out / f"{name}.safetensors"
+        task = Denoising(name, training, validation, sample, seed, path, command, start)
         train(task, budget, Place.here(), resume)
 
     launch(run)

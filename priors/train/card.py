@@ -35,7 +35,7 @@ pixel by more than {limit:g} standard deviations. Weights in half precision; SHA
 Loss: absolute error over the square root of sigma; cosine schedule, exponential moving average of the weights.
 Noise: standard deviation mostly log-uniform in 5-50 of 255, else uniform in 0-75; white, and for {share:.0%} of the
 samples partly masked and shared by the frames, as the residual of a snapshot is.
-{start}
+{seen} Training began with {origin}.
 
 ## Validation
 
@@ -61,7 +61,8 @@ def write_card(task: Denoising, progress: Progress, place: Place, digest: str) -
         architecture=task.network.architecture,
         limit=LIMIT,
         share=FRAME if sample.frames == 1 else CLIP,
-        start=task.prepare.__doc__,
+        seen=task.prepare.__doc__,
+        origin=task.origin,
         digest=digest,
         command=task.command,
         data=f"{len(moving)} clips ({sum(moving)} frames) and {len(task.training) - len(moving)} photographs",

@@ -31,7 +31,9 @@ class Sample:
 
 
 class Plain:
-    """The net sees noisy frames as they are. Training began with random weights."""
+    """The net sees noisy frames as they are."""
+
+    origin = "random weights"
 
     def start(self) -> Network:
         """A network to begin with."""
@@ -43,7 +45,9 @@ class Plain:
 
 
 class Averaged:
-    """The net sees averages along the motion that the image net's frames show. Training began with that net."""
+    """The net sees averages along the motion that the image net's frames show."""
+
+    origin = "that net"
 
     def __init__(self) -> None:
         self.image = FFDNet()
@@ -70,13 +74,14 @@ class Denoising:
 
     def __init__(
         self, name: str, training: Sequence[Clip], validation: Sequence[Clip], sample: Sample, seed: int, weights: Path,
-        command: str,
+        command: str, start: Path | None = None,
     ):  # fmt: skip
         torch.manual_seed(seed)
         self.name, self.sample, self.weights, self.command = name, sample, weights, command
         self.training, self.validation = training, validation
         self.prepare = SEEN[name]()
-        self.network = self.prepare.start()
+        self.network = _weights.load(start, name)[0].train() if start else self.prepare.start()
+        self.origin = "earlier weights" if start else self.prepare.origin
         self.compiled = [self.network]
         self.sampler = Sampler(training, frames=sample.frames, crop=sample.crop, batch=sample.batch, seed=seed)
 
