@@ -36,13 +36,13 @@ from .solvers import ALGORITHMS, State
 from .threads import limited
 
 EFFORTS = {"fast": 50, "balanced": 100, "best": 200}  # iterations; TV has converged to 0.05 dB by 100 on training clips
-# With fewer than so many frames of all views, a part less for each: on clips of the validation `tv` and `flow` are as
-# good after these as after 100.
+# With fewer than so many frames of all views, a part less for each: on clips of the validation `tv` is as good after
+# these as after 100.
 FEW, SOONER = 4, 0.15
-# Of a learned prior and, with more frames than those, of any thorough one, except for the fast effort: 30 calls of TV
-# and then so many for each frame of all views, but 30 to 50. On clips of the validation `video` has 30.0 dB with two
-# views of 10 frames after 50 of these and after 80; two views of 6 have as much after 30 as after 50, one of 8 as much
-# after 20. `flow` with two views of 10 or 14 frames, 128 x 128, gains 0.02 and 0.1 dB from 60 to 100 iterations.
+# Of a thorough prior, except for the fast effort: 30 calls of TV and then so many for each frame of all views, but 30
+# to 50. On clips of the validation `video` has 30.0 dB with two views of 10 frames after 50 of these and after 80; two
+# views of 6 have as much after 30 as after 50, one of 8 as much after 20. `flow`, 128 x 128, gains 0.02 and 0.1 dB with
+# two views of 10 and 14 frames from 60 to 100 iterations, and in still scenes of 1 to 4 views 0 to 0.2 dB.
 OF_TV = 30
 PER_FRAME = {"balanced": 1.5, "best": 2.5}
 LEAST, MOST = 30, 50
@@ -90,12 +90,12 @@ def solve(
     algorithm : "gap", "plain-gap" or "admm"
         "gap" is accelerated, with a regularised projection where there is noise.
     effort : "fast", "balanced" or "best"
-        At most 50, 100 or 200 iterations; where 1, 2 or 3 frames of all views are modelled, 50, 55 and 110, 70 and 140
-        or 85 and 170. With a learned prior, and beyond 4 frames with a thorough one, which `flow` and `bm3d` are, 50,
-        60 or 60; from 20 frames of all views on 1.5 more for each with "balanced", from 12 on 2.5 with "best", up to
-        80. With either, the fewer the more noise there is. `iterations` overrules that. And what the prior "auto"
-        stands for: "tv" or, for the latter two, "video"; where PyTorch is missing, "flow". With a `time_budget`, "auto"
-        is the prior that has most to show by then, whatever the effort; see :func:`pnp_sci.recommend`.
+        At most 50, 100 or 200 iterations; where fewer than 4 frames of all views are modelled, 15 % less for each that
+        is missing, but 50 at least. With a thorough prior, which `flow`, `bm3d` and all learned ones are, 50, 60 or 60;
+        from 20 frames of all views on 1.5 more for each with "balanced", from 12 on 2.5 with "best", up to 80; and the
+        fewer the more noise there is. `iterations` overrules that. And what the prior "auto" stands for: "tv" or, for
+        the latter two, "video"; where PyTorch is missing, "flow". With a `time_budget`, "auto" is the prior that has
+        most to show by then, whatever the effort; see :func:`pnp_sci.recommend`.
     scene : "auto", "full" or SceneModel
         What to model. "auto" drops views that are dark and models a scene in which nothing moves by one frame per view;
         `Result.scene` says what was modelled and why, how many pixels of y are saturated, and how many every mask
@@ -116,9 +116,9 @@ def solve(
         The truth, shaped as the result, for PSNR and SSIM in the history: floats in [0, 1] or integers with their
         type's maximum as white. The result is compared in the same units.
     callback : callable, optional
-        Called with each `State`; a true value stops the solver. With a restless prior (`video`, after two calls a
-        frame) its x and residual are those of a mean, while the solver goes on from what it has. What a prior makes of
-        the last estimate (`flow` and `video` average it along its motion) it does not see.
+        Called with each `State`; a true value stops the solver. With a restless prior (`video` after two calls a frame,
+        `bm3d` and `flow` after ten) its x and residual are those of a mean, while the solver goes on from what it has.
+        What a prior makes of the last estimate (`flow` and `video` average it along its motion) it does not see.
     progress : bool
         Show a progress bar.
     device : str, optional
@@ -178,9 +178,10 @@ def solve(
         most = iterations
     elif isinstance(denoiser, Stages):
         most = denoiser.calls
-    learned, thorough = (getattr(denoiser, name, False) for name in ("learned", "thorough"))
-    at_most = most or most_iterations(effort, learned, thorough, op.shape[0] * op.shape[1])
-    tires = (learned or thorough) and iterations is None
+    learned = getattr(denoiser, "learned", False)
+    thorough = learned or getattr(denoiser, "thorough", False)
+    at_most = most or most_iterations(effort, thorough, op.shape[0] * op.shape[1])
+    tires = thorough and iterations is None
     restless = partial(getattr, denoiser, "restless", False)
     improve: Any = getattr(denoiser, "finish", None)
     truth = Reference(reference, (len(measurements), *op.shape)) if reference is not None else None
@@ -219,7 +220,7 @@ def solve(
                 return replace(state, x=x, residual=problem.y - reduced.forward(x))
 
             described = model.describe(op)
-            here = most or most_iterations(effort, learned, thorough, described["frames_modelled"])
+            here = most or most_iterations(effort, thorough, described["frames_modelled"])
             allowed.append(schedule_for(reduced, problem.noise, sigma).enough(here) if tires else here)
             limits = Limits(allowed[-1], tol * contrast(reduced), deadline)
             state, status, course = run(
@@ -270,9 +271,9 @@ def prior_for(effort: str) -> str:
     return "tv" if effort == "fast" else "video" if all(map(find_spec, LEARNED)) else "flow"
 
 
-def most_iterations(effort: str, learned: bool, thorough: bool, frames: int) -> int:
-    """How many iterations an effort allows, with a learned, thorough or plain prior, if so many frames are modelled."""
-    if effort == "fast" or not (learned or (thorough and frames > FEW)):
+def most_iterations(effort: str, thorough: bool, frames: int) -> int:
+    """How many iterations an effort allows, with a thorough or a plain prior, if so many frames are modelled."""
+    if effort == "fast" or not thorough:
         return max(EFFORTS["fast"], round(EFFORTS[effort] * (1 - SOONER * max(FEW - frames, 0))))
     return OF_TV + round(min(max(PER_FRAME[effort] * frames, LEAST), MOST))
 
@@ -280,7 +281,7 @@ def most_iterations(effort: str, learned: bool, thorough: bool, frames: int) -> 
 def choose_scene(scene: str | SceneModel, problem: Problem, prior: Any = None) -> SceneModel:
     """The model that a `scene` argument of :func:`solve` stands for.
 
-    Quick estimates are made with TV; those of flow must not contradict them, unless the `prior` is a quick one itself.
+    Quick estimates are made with TV and, where they leave it open and the `prior` is no quick one itself, with flow.
     """
     if isinstance(scene, SceneModel):
         return scene

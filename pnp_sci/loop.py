@@ -122,8 +122,8 @@ def run(
     The guard returns the last estimate before the residual left the range of useful ones for good, or the last finite
     one. Time spent in `psnr` and `observe` is not counted.
     While the denoiser is `restless`, what is observed and returned is a mean: 0.3 of the iterate, 0.7 of the mean
-    before. Each new measurement of the motion moves the iterates; what they have in common is nearer to the truth. The
-    solver goes on from the iterates, and guard and plateau look at them.
+    before. Each new measurement of motion or likeness moves the iterates; what they have in common is nearer to the
+    truth. The solver goes on from the iterates, and guard and plateau look at them.
     `finish` makes of the last estimate the one that is returned, unless the guard ends the run or nothing has been
     denoised; the last record is of that one. As much time as the slowest iteration but the first took is left for it.
     """

@@ -28,7 +28,7 @@ OF_TWO, OF_FOUR, OF_EIGHT = (np.float32(1 / np.sqrt(n)) for n in (2, 4, 8))  # o
 EDGE = np.kaiser(SIDE, 2).astype(np.float32)  # patches count less at their edges
 WINDOW = np.outer(EDGE, EDGE).reshape(-1)
 
-# a loop whose sums LLVM may take in any order: nothing in them is infinite
+# a loop whose sums LLVM may take in any order
 summing = numba.njit(cache=True, fastmath=FASTMATH | {"reassoc"}, error_model="numpy")
 
 
@@ -289,13 +289,13 @@ def collaborate(frames, pilot, sigma, least, found, out):
                 _rows(INVERSE, cube)
                 _scatter(cube, WINDOW, frames.dtype.type(weight), places, columns, begin, total[job], weights[job])
     for n in numba.prange(count):
-        sums, places = np.zeros((rows, columns), frames.dtype), np.zeros((rows, columns), frames.dtype)
+        sums, counts = np.zeros((rows, columns), frames.dtype), np.zeros((rows, columns), frames.dtype)
         for band in range(bands):
             begin, job = _begin(band * BAND, height, rows), n * bands + band
             sums[begin : begin + height] += total[job].reshape(height, columns)
-            places[begin : begin + height] += weights[job].reshape(height, columns)
+            counts[begin : begin + height] += weights[job].reshape(height, columns)
         shares = np.empty((rows, columns), frames.dtype)
-        _spread(places, shares)
+        _spread(counts, shares)
         out[n] = sums / shares
 
 

@@ -30,7 +30,7 @@ class Flow:
     far to trust it: where the flow there and the flow back do not cancel, or where the warped neighbour differs from
     the frame, it counts little. Every call denoises the frames on their own, by TV, and averages each with its
     neighbours, warped onto it, by these weights; :class:`priors.bm3d.BM3D` filters what comes of it, and has clips of
-    one frame for itself.
+    one frame for itself. Clips below 32 pixels a side show no motion and are left to TV.
 
     Parameters
     ----------
@@ -89,22 +89,19 @@ class Flow:
         """As BM3D says of itself."""
         return self._patches.restless
 
-    def __call__(self, x: Any, sigma: float, out: np.ndarray | None = None) -> np.ndarray:
-        """Denoise x (V, B, H, W), values about [0, 1]; see :class:`priors.tv.TV` for the arguments."""
+    def __call__(self, x: Any, sigma: float) -> np.ndarray:
+        """Denoise x (V, B, H, W), values about [0, 1]; see :class:`priors.tv.TV` for arguments and result."""
         shape = np.shape(x)
         if self._fits != shape:
             self.reset()
             self._fits = shape
         self._calls += 1
         if self._calls <= FIRST or sigma > LOUD or self.tolerance * sigma < FAINT:
-            return self._before(x, sigma, out)
-        if len(shape) == 4 and shape[1] > 1 and min(shape[2:]) >= SMALLEST:
-            x = self._averaged(self._frames(x, sigma), sigma)
-        clean = self._patches(x, sigma)
-        if out is None:
-            return clean
-        np.copyto(out, clean)
-        return out
+            return self._before(x, sigma)
+        several = len(shape) == 4 and shape[1] > 1
+        if several and min(shape[2:]) < SMALLEST:
+            return self._before(x, sigma)
+        return self._patches(self._averaged(self._frames(x, sigma), sigma) if several else x, sigma)
 
     def _averaged(self, v: np.ndarray, sigma: float) -> np.ndarray:
         """Each frame of v (V, B, H, W) averaged with its neighbours along their motion."""

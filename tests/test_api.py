@@ -9,6 +9,7 @@ from scipy.ndimage import gaussian_filter
 import pnp_sci
 from pnp_sci import Status, datasets, registry, solve
 from pnp_sci.api import most_iterations
+from pnp_sci.compose import Joint
 from pnp_sci.errors import InputError, InputTypeError, UnknownPluginError
 
 
@@ -258,15 +259,28 @@ def test_the_time_of_metrics_is_not_the_solvers(scene, monkeypatch):
     assert result.history[-1].seconds <= result.settings["seconds"] < 3
 
 
-@pytest.mark.parametrize(("effort", "calls", "learned"), [("fast", 50, 50), ("balanced", 100, 60), ("best", 200, 80)])
-def test_effort_is_a_number_of_iterations_fewer_for_networks(scene, effort, calls, learned):
+def idle(attribute):
+    """A prior that does nothing, with an attribute that is true."""
+
     def prior(x, sigma):
         return x.copy()
 
-    results = [solve(scene.y, scene.masks, prior, effort=effort, noise=0)]
-    prior.learned = True
-    results.append(solve(scene.y, scene.masks, prior, effort=effort, noise=0))
-    assert [result.settings["iterations"] for result in results] == [calls, learned]
+    setattr(prior, attribute, True)
+    return prior
+
+
+@pytest.mark.parametrize(("effort", "calls", "fewer"), [("fast", 50, 50), ("balanced", 100, 60), ("best", 200, 80)])
+def test_effort_is_a_number_of_iterations_fewer_for_thorough_priors(scene, effort, calls, fewer):
+    priors = [idle(name) for name in ("plain", "learned", "thorough")]
+    priors.append(Joint([idle("plain"), idle("thorough")]))
+    results = [solve(scene.y, scene.masks, prior, effort=effort, noise=0) for prior in priors]
+    assert [result.settings["iterations"] for result in results] == [calls, fewer, fewer, fewer]
+
+
+@pytest.mark.parametrize("name", ["flow", "bm3d", "ffdnet", "video", "tv+flow"])
+def test_priors_that_are_thorough(name):
+    prior = pnp_sci.make_prior(name)
+    assert getattr(prior, "learned", False) or prior.thorough
 
 
 def alternating(restless):
@@ -446,7 +460,7 @@ def test_a_last_estimate_is_averaged_along_its_motion(name):
     assert prior.finish(x, 0.05) is x  # forgotten
 
 
-@pytest.mark.parametrize("name", ["tv", "flow", "ffdnet", "tv+ffdnet"])
+@pytest.mark.parametrize("name", ["tv", "ffdnet", "tv+ffdnet"])
 def test_most_priors_are_never_restless(scene, name):
     prior = pnp_sci.make_prior(name)
     solve(scene.y, scene.masks, prior, iterations=2)
@@ -535,14 +549,11 @@ def test_non_finite_input_is_counted(scene):
         solve(scene.y, masks)
 
 
-def test_more_frames_take_a_network_more_iterations():
-    counts = [most_iterations("balanced", True, False, frames) for frames in (1, 20, 28, 40, 1000)]
-    assert counts == [60, 60, 72, 80, 80]
-    assert [most_iterations("best", True, False, frames) for frames in (1, 12, 16, 20, 1000)] == [60, 60, 70, 80, 80]
+def test_more_frames_take_a_thorough_prior_more_iterations():
+    assert [most_iterations("balanced", True, frames) for frames in (1, 20, 28, 40, 1000)] == [60, 60, 72, 80, 80]
+    assert [most_iterations("best", True, frames) for frames in (1, 12, 16, 20, 1000)] == [60, 60, 70, 80, 80]
 
 
-@pytest.mark.parametrize(("thorough", "many"), [(False, 100), (True, 60)])
-def test_few_frames_take_fewer_iterations(thorough, many):
-    counts = [most_iterations("balanced", False, thorough, frames) for frames in (1, 2, 3, 4, 20)]
-    assert counts == [55, 70, 85, 100, many]
-    assert most_iterations("fast", False, thorough, 1) == 50
+def test_few_frames_take_a_plain_prior_fewer_iterations():
+    assert [most_iterations("balanced", False, frames) for frames in (1, 2, 3, 4, 20)] == [55, 70, 85, 100, 100]
+    assert most_iterations("fast", False, 1) == 50

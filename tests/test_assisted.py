@@ -77,12 +77,15 @@ def test_without_noise_all_iterations_are_of_use():
     assert Schedule(0, 0.1, 0.1).enough(300) == 300  # a given sigma is no noise
 
 
-@pytest.mark.parametrize(("learned", "given", "expected"), [(True, None, 50), (False, None, 100), (True, 70, 70)])
-def test_the_solver_stops_early_with_noise_only_what_is_learned_and_has_no_number(learned, given, expected):
+@pytest.mark.parametrize(
+    ("attribute", "given", "expected"),
+    [("learned", None, 50), ("thorough", None, 50), ("plain", None, 100), ("learned", 70, 70)],
+)
+def test_the_solver_stops_early_with_noise_only_what_is_thorough_and_has_no_number(attribute, given, expected):
     scene = datasets.embedded_scene(64)
     y = pnp_sci.simulate(scene.truth, scene.masks, noise=0.1)
     prior = TV(time=0)
-    prior.learned = learned
+    setattr(prior, attribute, True)
     result = pnp_sci.solve(y, scene.masks, prior, tol=0, scene="full", iterations=given)
     assert len(result.history) - 1 == pytest.approx(expected, abs=2)
     again = pnp_sci.solve(y, scene.masks, prior, tol=0, scene="full", iterations=result.settings["iterations"])

@@ -270,9 +270,9 @@ def test_unusable_device_is_named(trained, case):
         pnp_sci.decode(*case, model="ofanet", device="nonsense")
 
 
-def test_nothing_is_refined_where_nothing_moves(trained, case, monkeypatch):
+def test_nothing_is_refined_where_nothing_moves(trained, small, case, monkeypatch):
     y, masks = case
-    still = np.broadcast_to(np.linspace(0, 1, 48)[:, None], masks.shape)
+    still = np.repeat(small.truth[:, :1], 4, axis=1)
     monkeypatch.setattr(network.OFaNet, "_refined", lambda *_: pytest.fail("the refine net was called"))
     x = pnp_sci.decode(pnp_sci.simulate(still, masks), masks, model="ofanet").x
     assert np.ptp(x, axis=1).max() < 1e-6

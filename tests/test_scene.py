@@ -63,6 +63,23 @@ def test_flow_contradicts_where_tv_makes_too_little_of_a_moving_scene(monkeypatc
     assert solve(y, masks, "flow", iterations=1).scene["still"]
 
 
+def test_flow_may_find_a_still_scene_that_tv_leaves_open(monkeypatch, scene, still):
+    y = pnp_sci.simulate(still, scene.masks)
+    monkeypatch.setattr("pnp_sci.scene.CLEARLY", 0.0)
+    assert not solve(y, scene.masks, "tv", iterations=1).scene["still"]
+    assert solve(y, scene.masks, "flow", iterations=1).scene["still"]
+
+
+@pytest.mark.parametrize("prior", ["tv", "flow"])
+def test_something_small_and_faint_that_moves_is_not_frozen(prior):
+    rows, columns = np.mgrid[:96, :96] / 96
+    truth = np.repeat(np.stack([0.3 + 0.4 * rows, 0.6 - 0.3 * columns])[:, None], 10, axis=1).astype(np.float32)
+    for b in range(10):
+        truth[0, b, 40:48, 30 + 3 * b : 38 + 3 * b] += 0.2
+    masks = pnp_sci.random_masks(truth.shape, seed=1)
+    assert not solve(pnp_sci.simulate(truth, masks), masks, prior, iterations=1).scene["still"]
+
+
 def test_a_view_that_stands_still_beside_a_moving_one(scene, still):
     truth = np.stack([scene.truth[0], still[1]])
     y = pnp_sci.simulate(truth, scene.masks)
