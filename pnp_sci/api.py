@@ -29,8 +29,9 @@ from .masks import views_are_separable
 from .operator import SensingOperator
 from .problem import Problem, check_measurement, check_noise, check_operator, pose
 from .result import History, Record, Result, Status
+from .scene import ITERATIONS as JUDGED
 from .scene import SceneModel, full, judge
-from .schedule import contrast, schedule_for
+from .schedule import Schedule, contrast, schedule_for
 from .sensor import Sensor, warn_if_saturated
 from .solvers import ALGORITHMS, State
 from .threads import limited
@@ -39,13 +40,12 @@ EFFORTS = {"fast": 50, "balanced": 100, "best": 200}  # iterations; TV has conve
 # With fewer than so many frames of all views, a part less for each: on clips of the validation `tv` is as good after
 # these as after 100.
 FEW, SOONER = 4, 0.15
-# Of a thorough prior, except for the fast effort: 30 calls of TV and then so many for each frame of all views, but 30
-# to 50. On clips of the validation `video` has 30.0 dB with two views of 10 frames after 50 of these and after 80; two
-# views of 6 have as much after 30 as after 50, one of 8 as much after 20. `flow`, 128 x 128, gains 0.02 and 0.1 dB with
-# two views of 10 and 14 frames from 60 to 100 iterations, and in still scenes of 1 to 4 views 0 to 0.2 dB.
-OF_TV = 30
-PER_FRAME = {"balanced": 1.5, "best": 2.5}
-LEAST, MOST = 30, 50
+# Of a thorough prior, after those that it leaves to TV: so many for each frame of all views, but 30 to 50; 20 with the
+# fast effort. On clips of the validation `video` has 30.0 dB with two views of 10 frames after 50 of these and after
+# 80; two views of 6 have as much after 30 as after 50, one of 8 as much after 20.
+PER_FRAME = {"fast": 0, "balanced": 1.5, "best": 2.5}
+LEAST, MOST = {"fast": 20, "balanced": 30, "best": 30}, 50
+FIRST = 30  # iterations of TV, where such a prior does not tell
 QUICK = ("tv", "wavelet", "none")  # priors that make no more of a scene than its judge does
 _log = logging.getLogger("pnp_sci")
 
@@ -91,11 +91,12 @@ def solve(
         "gap" is accelerated, with a regularised projection where there is noise.
     effort : "fast", "balanced" or "best"
         At most 50, 100 or 200 iterations; where fewer than 4 frames of all views are modelled, 15 % less for each that
-        is missing, but 50 at least. With a thorough prior, which `flow`, `bm3d` and all learned ones are, 50, 60 or 60;
-        from 20 frames of all views on 1.5 more for each with "balanced", from 12 on 2.5 with "best", up to 80; and the
-        fewer the more noise there is. `iterations` overrules that. And what the prior "auto" stands for: "tv" or, for
-        the latter two, "video"; where PyTorch is missing, "flow". With a `time_budget`, "auto" is the prior that has
-        most to show by then, whatever the effort; see :func:`pnp_sci.recommend`.
+        is missing, but 50 at least. With a thorough prior, which `flow`, `bm3d` and all learned ones are, as many as it
+        leaves to TV (`flow` 60, others 30) and then 20, 30 or 30; from 20 frames of all views on 1.5 more for each with
+        "balanced", from 12 on 2.5 with "best", up to 50; with noise down to 20. `iterations` overrules that. And what
+        the prior "auto" stands for: "tv" or, for the latter two, "video"; where PyTorch is missing, "flow". With a
+        `time_budget`, "auto" is the prior that has most to show by then, whatever the effort; see
+        :func:`pnp_sci.recommend`.
     scene : "auto", "full" or SceneModel
         What to model. "auto" drops views that are dark and models a scene in which nothing moves by one frame per view;
         `Result.scene` says what was modelled and why, how many pixels of y are saturated, and how many every mask
@@ -167,21 +168,18 @@ def solve(
     instance("progress", progress, bool)
     instance("device", device, str)
     threads = None if threads is None else whole("threads", threads, 1)
-    most = None
+    within = effort
     if isinstance(prior, str) and prior == "auto":
         if time_budget is not None:
-            prior, most = prior_within(time_budget / len(measurements), op.shape), OF_TV + MOST
+            prior, within = prior_within(time_budget / len(measurements), op.shape), "best"
         else:
             prior = prior_for(effort)
     denoiser = make_prior(prior, device=device, seed=seed, **prior_options)
-    if iterations is not None:
-        most = iterations
-    elif isinstance(denoiser, Stages):
-        most = denoiser.calls
+    most = denoiser.calls if iterations is None and isinstance(denoiser, Stages) else iterations
     learned = getattr(denoiser, "learned", False)
     thorough = learned or getattr(denoiser, "thorough", False)
-    at_most = most or most_iterations(effort, thorough, op.shape[0] * op.shape[1])
-    tires = thorough and iterations is None
+    allow = partial(most_iterations, within, getattr(denoiser, "first", FIRST) if thorough else None)
+    at_most = most or allow(op.shape[0] * op.shape[1])
     restless = partial(getattr, denoiser, "restless", False)
     improve: Any = getattr(denoiser, "finish", None)
     truth = Reference(reference, (len(measurements), *op.shape)) if reference is not None else None
@@ -220,8 +218,8 @@ def solve(
                 return replace(state, x=x, residual=problem.y - reduced.forward(x))
 
             described = model.describe(op)
-            here = most or most_iterations(effort, thorough, described["frames_modelled"])
-            allowed.append(schedule_for(reduced, problem.noise, sigma).enough(here) if tires else here)
+            plan = schedule_for(reduced, problem.noise, sigma)
+            allowed.append(most or allow(described["frames_modelled"], plan))
             limits = Limits(allowed[-1], tol * contrast(reduced), deadline)
             state, status, course = run(
                 states, problem.y, limits, observe, score, problem.saturated, restless,
@@ -271,11 +269,16 @@ def prior_for(effort: str) -> str:
     return "tv" if effort == "fast" else "video" if all(map(find_spec, LEARNED)) else "flow"
 
 
-def most_iterations(effort: str, thorough: bool, frames: int) -> int:
-    """How many iterations an effort allows, with a thorough or a plain prior, if so many frames are modelled."""
-    if effort == "fast" or not thorough:
+def most_iterations(effort: str, first: int | None, frames: int, plan: Schedule | None = None) -> int:
+    """How many iterations an effort allows if so many frames are modelled.
+
+    The first of a thorough prior are those that it leaves to TV, and noise takes some of the others; a plain prior has
+    None.
+    """
+    if first is None:
         return max(EFFORTS["fast"], round(EFFORTS[effort] * (1 - SOONER * max(FEW - frames, 0))))
-    return OF_TV + round(min(max(PER_FRAME[effort] * frames, LEAST), MOST))
+    calls = round(min(max(PER_FRAME[effort] * frames, LEAST[effort]), MOST))
+    return first + (plan.enough(calls) if plan else calls)
 
 
 def choose_scene(scene: str | SceneModel, problem: Problem, prior: Any = None) -> SceneModel:
@@ -287,8 +290,10 @@ def choose_scene(scene: str | SceneModel, problem: Problem, prior: Any = None) -
         return scene
     if scene == "full" or "tv" not in registry.available("priors"):
         return full(problem.op)
-    careful = prior not in QUICK and "flow" in registry.available("priors")
-    return judge(problem, registry.load("priors", "tv")(), registry.load("priors", "flow")() if careful else None)
+    careful = None
+    if prior not in QUICK and "flow" in registry.available("priors"):
+        careful = registry.load("priors", "flow")(first=JUDGED // 2)  # the other half shows what motion tells
+    return judge(problem, registry.load("priors", "tv")(), careful)
 
 
 def decode(y: Any, masks: Any, model: str = "ofanet", **options: Any) -> Result:

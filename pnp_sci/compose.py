@@ -72,6 +72,9 @@ class Joint:
         self.learned, self.thorough = (
             any(getattr(denoiser, name, False) for denoiser in self.denoisers) for name in ("learned", "thorough")
         )
+        firsts = [denoiser.first for denoiser in self.denoisers if hasattr(denoiser, "first")]  # type: ignore[attr-defined]
+        if firsts:
+            self.first = max(firsts)
 
     def __repr__(self) -> str:
         return f"Joint({self.denoisers})"

@@ -14,7 +14,7 @@ LOUD_BALANCE = 12.6  # ... and where it is not, for fewer than 20 frames of all 
 LOUD = 0.03  # noise in a pixel of x, ``noise / sqrt(gram)``, that is half way from the one to the other
 SOFTEST = 0.15  # largest rho at the beginning, in units of the mean gram: with more, the data act slowly
 FALL = 40  # iterations in which a sigma that noise has raised falls
-ENOUGH = 50  # iterations that strong noise leaves of use to a thorough prior
+ENOUGH = 20  # calls, after those of TV, that strong noise leaves of use to a thorough prior
 HALF_OPEN = 0.22  # spread over level of 20 binary masks of density 1/2
 MORE = 60  # ... and as many more are of use with weak noise
 
@@ -50,11 +50,11 @@ class Schedule:
     last: float
 
     def enough(self, most: int) -> int:
-        """How many of `most` iterations are of use to a thorough prior: all without noise, 50 to 110 the less there is.
+        """How many of `most` calls after those of TV are of use to a thorough prior: all without noise, else 20 to 80.
 
         Without noise PSNR rises on. With noise it is highest some ten or twenty calls of a network after sigma has
         fallen; called time and again, a network takes noise for texture. On clips of the validation PSNR is highest
-        after 80, 60 and 50 iterations where the last sigma is 0.06, 0.08, and 0.1 or more; three pairs of the benchmark
+        after 50, 30 and 20 of these where the last sigma is 0.06, 0.08, and 0.1 or more; three pairs of the benchmark
         were looked at too.
         """
         if not np.any(self.product):

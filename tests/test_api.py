@@ -281,6 +281,7 @@ def test_effort_is_a_number_of_iterations_fewer_for_thorough_priors(scene, effor
 def test_priors_that_are_thorough(name):
     prior = pnp_sci.make_prior(name)
     assert getattr(prior, "learned", False) or prior.thorough
+    assert prior.first == (60 if "flow" in name else 30)
 
 
 def alternating(restless):
@@ -447,13 +448,13 @@ def test_a_last_estimate_is_averaged_along_its_motion(name):
     x = truth + 0.005 * random.standard_normal(truth.shape, np.float32)
     prior = pnp_sci.make_prior(name)
     assert prior.finish(x, 0.05) is x  # no call so far
-    for _ in range(31):
+    for _ in range(prior.first + 1):
         prior(x, 0.05)
     better = prior.finish(x.copy(), 0.05)
     inside = (..., slice(12, -12), slice(12, -12))
     assert better.dtype == x.dtype
     assert np.std((better - truth)[inside]) < 0.7 * np.std((x - truth)[inside])
-    for _ in range(31):
+    for _ in range(prior.first + 1):
         prior(x, 0.05)
     other = np.stack([x[0], np.zeros_like(x[1])])
     assert np.array_equal(prior.finish(other, 0.05)[0], better[0])  # views do not mix
@@ -550,10 +551,11 @@ def test_non_finite_input_is_counted(scene):
 
 
 def test_more_frames_take_a_thorough_prior_more_iterations():
-    assert [most_iterations("balanced", True, frames) for frames in (1, 20, 28, 40, 1000)] == [60, 60, 72, 80, 80]
-    assert [most_iterations("best", True, frames) for frames in (1, 12, 16, 20, 1000)] == [60, 60, 70, 80, 80]
+    assert [most_iterations("fast", 60, frames) for frames in (1, 1000)] == [80, 80]
+    assert [most_iterations("balanced", 30, frames) for frames in (1, 20, 28, 40, 1000)] == [60, 60, 72, 80, 80]
+    assert [most_iterations("best", 30, frames) for frames in (1, 12, 16, 20, 1000)] == [60, 60, 70, 80, 80]
 
 
 def test_few_frames_take_a_plain_prior_fewer_iterations():
-    assert [most_iterations("balanced", False, frames) for frames in (1, 2, 3, 4, 20)] == [55, 70, 85, 100, 100]
-    assert most_iterations("fast", False, 1) == 50
+    assert [most_iterations("balanced", None, frames) for frames in (1, 2, 3, 4, 20)] == [55, 70, 85, 100, 100]
+    assert most_iterations("fast", None, 1) == 50
