@@ -30,7 +30,8 @@ def main():
         scene = pnp_sci.datasets.dualview(pair)
         still = np.repeat(scene.truth[:, :1], scene.truth.shape[1], axis=1)
         dark = scene.truth * np.array([1, 0], np.float32)[:, None, None, None]
-        pnp_sci.solve(scene.y, scene.masks, "flow", iterations=42)  # compile
+        for model in ("full", pnp_sci.SceneModel((True, True), still=True)):  # compile
+            pnp_sci.solve(scene.y, scene.masks, "flow", iterations=2, first=0, scene=model)
         pnp_sci.solve(scene.y, scene.masks, "auto", iterations=32)
         for prior in ("tv", "flow", "auto"):
             compare(f"{pair}, still", still, scene.masks, prior)

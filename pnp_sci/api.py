@@ -22,7 +22,7 @@ from . import registry
 from .arguments import Reference, as_plain, describe, first_estimate, make_prior
 from .budget import LEARNED, prior_within
 from .checks import instance, number, one_of, shaped, whole
-from .compose import Stages, weights_of
+from .compose import FIRST, Stages, first_of, weights_of
 from .errors import InputError
 from .loop import Limits, iterate, run
 from .masks import views_are_separable
@@ -45,7 +45,6 @@ FEW, SOONER = 4, 0.15
 # 80; two views of 6 have as much after 30 as after 50, one of 8 as much after 20.
 PER_FRAME = {"fast": 0, "balanced": 1.5, "best": 2.5}
 LEAST, MOST = {"fast": 20, "balanced": 30, "best": 30}, 50
-FIRST = 30  # iterations of TV, where such a prior does not tell
 QUICK = ("tv", "wavelet", "none")  # priors that make no more of a scene than its judge does
 _log = logging.getLogger("pnp_sci")
 
@@ -92,17 +91,18 @@ def solve(
     effort : "fast", "balanced" or "best"
         At most 50, 100 or 200 iterations; where fewer than 4 frames of all views are modelled, 15 % less for each that
         is missing, but 50 at least. With a thorough prior, which `flow`, `bm3d` and all learned ones are, as many as it
-        leaves to TV (`flow` 60, others 30) and then 20, 30 or 30; from 20 frames of all views on 1.5 more for each with
-        "balanced", from 12 on 2.5 with "best", up to 50; with noise down to 20. `iterations` overrules that. And what
-        the prior "auto" stands for: "tv" or, for the latter two, "video"; where PyTorch is missing, "flow". With a
-        `time_budget`, "auto" is the prior that has most to show by then, whatever the effort; see
-        :func:`pnp_sci.recommend`.
+        leaves to TV (`flow` 60, others 30), 30 at least, and then 20, 30 or 30; from 20 frames of all views on 1.5 more
+        for each with "balanced", from 12 on 2.5 with "best", up to 50; with noise down to 20. `iterations` overrules
+        that. And what the prior "auto" stands for: "tv" or, for the latter two, "video"; where PyTorch is missing,
+        "flow". With a `time_budget`, "auto" is the prior that has most to show by then, with the iterations of "best",
+        whatever the effort; see :func:`pnp_sci.recommend`.
     scene : "auto", "full" or SceneModel
         What to model. "auto" drops views that are dark and models a scene in which nothing moves by one frame per view;
         `Result.scene` says what was modelled and why, how many pixels of y are saturated, and how many every mask
         leaves closed.
     iterations : int, optional
-        At most so many; by default as `effort` says, or as many as the stages of the prior have.
+        At most so many, with those that the prior leaves to TV; by default as `effort` says, or as many as the stages
+        of the prior have.
     noise : "auto", float, or Sensor
         Standard deviation of the noise of y, in its units; "auto" estimates it. A :class:`~pnp_sci.Sensor` says more of
         the camera: photon noise, saturated pixels, which only bound the light from below, and grey levels.
@@ -176,9 +176,8 @@ def solve(
             prior = prior_for(effort)
     denoiser = make_prior(prior, device=device, seed=seed, **prior_options)
     most = denoiser.calls if iterations is None and isinstance(denoiser, Stages) else iterations
-    learned = getattr(denoiser, "learned", False)
-    thorough = learned or getattr(denoiser, "thorough", False)
-    allow = partial(most_iterations, within, getattr(denoiser, "first", FIRST) if thorough else None)
+    learned, first = getattr(denoiser, "learned", False), first_of(denoiser)
+    allow = partial(most_iterations, within, first)
     at_most = most or allow(op.shape[0] * op.shape[1])
     restless = partial(getattr, denoiser, "restless", False)
     improve: Any = getattr(denoiser, "finish", None)
@@ -220,7 +219,7 @@ def solve(
             described = model.describe(op)
             plan = schedule_for(reduced, problem.noise, sigma)
             allowed.append(most or allow(described["frames_modelled"], plan))
-            limits = Limits(allowed[-1], tol * contrast(reduced), deadline)
+            limits = Limits(allowed[-1], tol * contrast(reduced), deadline, least=first or 0)
             state, status, course = run(
                 states, problem.y, limits, observe, score, problem.saturated, restless,
                 finish if callable(improve) else None,
@@ -272,13 +271,13 @@ def prior_for(effort: str) -> str:
 def most_iterations(effort: str, first: int | None, frames: int, plan: Schedule | None = None) -> int:
     """How many iterations an effort allows if so many frames are modelled.
 
-    The first of a thorough prior are those that it leaves to TV, and noise takes some of the others; a plain prior has
-    None.
+    The `first` of a thorough prior are those that it leaves to TV, and noise takes some of the others; a plain prior
+    has None.
     """
     if first is None:
         return max(EFFORTS["fast"], round(EFFORTS[effort] * (1 - SOONER * max(FEW - frames, 0))))
     calls = round(min(max(PER_FRAME[effort] * frames, LEAST[effort]), MOST))
-    return first + (plan.enough(calls) if plan else calls)
+    return max(first, FIRST) + (plan.enough(calls) if plan else calls)
 
 
 def choose_scene(scene: str | SceneModel, problem: Problem, prior: Any = None) -> SceneModel:

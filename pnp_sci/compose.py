@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from numbers import Integral
 from typing import Any
 
 import numpy as np
@@ -10,12 +11,22 @@ import numpy as np
 from .errors import InputError
 from .protocols import Denoiser
 
+FIRST = 30
+
 
 def reset(denoiser: Any) -> None:
     """Make a denoiser forget earlier videos, if it has a memory."""
     forget = getattr(denoiser, "reset", None)
     if callable(forget):
         forget()
+
+
+def first_of(denoiser: Any) -> int | None:
+    """How many calls a thorough or learned prior leaves to something quick, 30 where it does not tell; else None."""
+    if not (getattr(denoiser, "learned", False) or getattr(denoiser, "thorough", False)):
+        return None
+    first = getattr(denoiser, "first", FIRST)
+    return int(first) if isinstance(first, Integral) else FIRST
 
 
 class Stages:
@@ -72,9 +83,7 @@ class Joint:
         self.learned, self.thorough = (
             any(getattr(denoiser, name, False) for denoiser in self.denoisers) for name in ("learned", "thorough")
         )
-        firsts = [denoiser.first for denoiser in self.denoisers if hasattr(denoiser, "first")]  # type: ignore[attr-defined]
-        if firsts:
-            self.first = max(firsts)
+        self.first = max(first_of(denoiser) or 0 for denoiser in self.denoisers)
 
     def __repr__(self) -> str:
         return f"Joint({self.denoisers})"

@@ -100,11 +100,15 @@ def _checked(op: SensingOperator, denoiser: Denoiser) -> Denoiser:
 
 @dataclass(frozen=True)
 class Limits:
-    """When to stop: after so many iterations, at so small a change, at a moment of ``time.perf_counter``."""
+    """When to stop: after so many iterations, at so small a change, at a moment of ``time.perf_counter``.
+
+    A change counts as small only after `least` iterations.
+    """
 
     iterations: int
     tol: float
     deadline: float | None = None
+    least: int = 0
 
 
 def run(
@@ -155,7 +159,8 @@ def run(
         stop = observe(estimate, record)
         aside += time.perf_counter() - now
         if before is not None:
-            quiet = quiet + 1 if _length(state.residual - before) / norm < limits.tol else 0
+            small = state.iteration > limits.least and _length(state.residual - before) / norm < limits.tol
+            quiet = quiet + 1 if small else 0
         before = state.residual
         late = limits.deadline is not None and time.perf_counter() + slowest + ending > limits.deadline
         if stop or quiet >= PLATEAU or state.iteration >= limits.iterations or late:

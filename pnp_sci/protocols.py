@@ -18,9 +18,9 @@ class Denoiser(Protocol):
     same units. Returns a new array of the same shape and dtype. Views must not be mixed.
 
     One with a memory has ``reset()``. One with a true attribute ``thorough`` or ``learned``, whose calls do more than
-    those of TV, is called fewer times, and the fewer the more noise there is; one that is ``learned`` starts from a
-    network's estimate unless another is asked for. While an attribute ``restless`` is true, since only what it measures
-    anew from time to time still moves the estimates, solve averages.
+    those of TV, is called fewer times, and the fewer the more noise there is, after as many as its ``first`` leaves to
+    TV (30); one that is ``learned`` starts from a network's estimate unless another is asked for. While an attribute
+    ``restless`` is true, since only what it measures anew from time to time still moves the estimates, solve averages.
     What ``finish(x, sigma)`` makes of the last estimate is what solve returns, unless the solver has failed. Members of
     joint priors, and stages, are asked for neither.
     """

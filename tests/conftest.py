@@ -61,6 +61,7 @@ PRIORS = [
     *CLASSICAL,
     pytest.param(BM3D, id="tv, then bm3d"),
     pytest.param(Flow, id="flow"),
+    pytest.param(lambda: Flow(first=0), id="flow from the start"),
     _learned(FFDNet, "ffdnet", "ffdnet"),
     _learned(VideoDenoiser, "video", "video"),
     _learned(lambda: assisted.ffdnet(first=0), "assisted ffdnet", "ffdnet"),

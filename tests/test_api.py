@@ -277,6 +277,20 @@ def test_effort_is_a_number_of_iterations_fewer_for_thorough_priors(scene, effor
     assert [result.settings["iterations"] for result in results] == [calls, fewer, fewer, fewer]
 
 
+def test_no_estimate_has_converged_before_a_thorough_prior_begins(scene):
+    class Late:
+        thorough, first, calls = True, 12, 0
+
+        def __call__(self, x, sigma):
+            self.calls += 1
+            return np.zeros_like(x) if self.calls <= self.first else 0.5 * x
+
+    still = solve(scene.y, scene.masks, lambda x, sigma: np.zeros_like(x), scene="full", algorithm="plain-gap")
+    late = solve(scene.y, scene.masks, Late(), scene="full", algorithm="plain-gap")
+    assert len(still.history) <= 12
+    assert len(late.history) > 12 + 5
+
+
 @pytest.mark.parametrize("name", ["flow", "bm3d", "ffdnet", "video", "tv+flow"])
 def test_priors_that_are_thorough(name):
     prior = pnp_sci.make_prior(name)
@@ -552,6 +566,7 @@ def test_non_finite_input_is_counted(scene):
 
 def test_more_frames_take_a_thorough_prior_more_iterations():
     assert [most_iterations("fast", 60, frames) for frames in (1, 1000)] == [80, 80]
+    assert most_iterations("balanced", 0, 20) == 60
     assert [most_iterations("balanced", 30, frames) for frames in (1, 20, 28, 40, 1000)] == [60, 60, 72, 80, 80]
     assert [most_iterations("best", 30, frames) for frames in (1, 12, 16, 20, 1000)] == [60, 60, 70, 80, 80]
 

@@ -96,6 +96,7 @@ def test_a_later_stage_begins_with_the_network():
     pytest.importorskip("torch")
     stages = make_prior([("ffdnet", 2), ("ffdnet", 3), ("tv", 1)])
     assert [getattr(denoiser, "first", None) for denoiser, _ in stages.stages] == [FIRST, 0, None]
+    assert make_prior([("flow", 61), ("flow", 3)]).stages[1][0].first == 0
     assert make_prior([("tv", 2), ("video", 3)], first=1).stages[1][0].first == 1
 
 
@@ -173,8 +174,8 @@ def test_an_unfit_first_is_named(first):
 
 def test_video_is_better_than_flow_in_both_views():
     pytest.importorskip("torch")
-    scene = datasets.embedded_scene(96)
-    flow, video = (pnp_sci.solve(scene.y, scene.masks, p, iterations=45, scene="full").x for p in ("flow", "video"))
+    scene = datasets.embedded_scene(128)
+    flow, video = (pnp_sci.solve(scene.y, scene.masks, p, scene="full").x for p in ("flow", "video"))
     assert (pnp_sci.psnr(video, scene.truth) > pnp_sci.psnr(flow, scene.truth)).all()
 
 

@@ -123,7 +123,9 @@ def test_any_sigma_once_motion_is_used(moving, sigma, kind):
         np.testing.assert_allclose(after, moving, atol=20 * sigma)
 
 
-@pytest.mark.parametrize("option", [{"neighbours": 0}, {"neighbours": 1.5}, {"tolerance": 0}, {"drift": -1}])
+@pytest.mark.parametrize(
+    "option", [{"neighbours": 0}, {"neighbours": 1.5}, {"tolerance": 0}, {"drift": -1}, {"first": 1.5}]
+)
 def test_errors_name_the_option(option):
     with pytest.raises(InputError, match=next(iter(option))):
         Flow(**option)

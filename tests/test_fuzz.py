@@ -156,7 +156,7 @@ def options(draw, shape):
     if prior == "auto":
         del optional["time_budget"]  # the two together measure the machine first
     names = draw(st.lists(st.sampled_from(sorted(optional)), unique=True, max_size=5))
-    calls = draw(st.sampled_from([1, 2, 3, 4, 5, 6, 6, 0, 36 if prior == "flow" else 3]))
+    calls = draw(st.sampled_from([1, 2, 3, 4, 5, 6, 6, 0, 66 if prior == "flow" else 3]))
     return {"prior": prior, "iterations": calls} | {name: draw(optional[name]) for name in names}
 
 

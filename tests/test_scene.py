@@ -70,6 +70,13 @@ def test_flow_may_find_a_still_scene_that_tv_leaves_open(monkeypatch, scene, sti
     assert solve(y, scene.masks, "flow", iterations=1).scene["still"]
 
 
+@pytest.mark.parametrize("noise", [0.05, 0.1])
+def test_noise_does_not_freeze_a_moving_scene(noise):
+    scene = datasets.embedded_scene(128)
+    y = pnp_sci.simulate(scene.truth, scene.masks, noise=noise)
+    assert not solve(y, scene.masks, "flow", iterations=1).scene["still"]
+
+
 @pytest.mark.parametrize("prior", ["tv", "flow"])
 def test_something_small_and_faint_that_moves_is_not_frozen(prior):
     rows, columns = np.mgrid[:96, :96] / 96
