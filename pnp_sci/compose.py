@@ -11,7 +11,7 @@ import numpy as np
 from .errors import InputError
 from .protocols import Denoiser
 
-FIRST = 30
+FIRST = 30  # calls that a thorough prior leaves to something quick, where it does not tell
 
 
 def reset(denoiser: Any) -> None:
@@ -22,7 +22,7 @@ def reset(denoiser: Any) -> None:
 
 
 def first_of(denoiser: Any) -> int | None:
-    """How many calls a thorough or learned prior leaves to something quick, 30 where it does not tell; else None."""
+    """How many calls a thorough or learned prior leaves to something quick; None of a plain one."""
     if not (getattr(denoiser, "learned", False) or getattr(denoiser, "thorough", False)):
         return None
     first = getattr(denoiser, "first", FIRST)
