@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 from click.testing import CliRunner
 
-from pnp_sci.errors import FormatError
+from pnp_sci.errors import FormatError, InputError
 
 torch = pytest.importorskip("torch")
 pytest.importorskip("safetensors")
@@ -17,7 +17,9 @@ _weights = pytest.importorskip("priors._weights")
 clips = pytest.importorskip("pnp_sci.training.clips")
 loop = pytest.importorskip("pnp_sci.training.loop")
 muon = pytest.importorskip("pnp_sci.training.muon")
+assisted = pytest.importorskip("priors.assisted")
 data = pytest.importorskip("priors.train.data")
+states = pytest.importorskip("priors.train.states")
 task = pytest.importorskip("priors.train.task")
 cli = pytest.importorskip("priors.train.__main__")
 
@@ -199,6 +201,39 @@ def test_samples_depend_on_seed_rank_and_step_only():
         assert again.dtype == np.float32
         assert not np.array_equal(again, other)
     assert all(np.array_equal(a, b) for a, b in zip(sampler(0, 7), (clean, noisy, sigma)))
+
+
+def test_states_are_what_the_network_sees_and_its_truth(folder):
+    training, _ = clips.split(clips.load_clips([folder]))
+    prior = assisted.video()
+    found = states.gather(training, prior, solves=2, crop=32, seed=1, rank=0)
+    assert found.frames.shape == found.level.shape == found.truth.shape
+    assert found.frames.shape[1:] == (32, 32)
+    assert len(found.frames) > states.FRAMES
+    assert isinstance(prior.net._runner, type(assisted.video().net._runner)), "the prior is as it was"
+    error, elsewhere = (np.square(found.frames - truth).mean() for truth in (found.truth, found.truth[::-1]))
+    assert error < 0.8 * elsewhere, "each frame lies beside its own truth"
+    again, other = (states.gather(training, prior, 2, 32, 1, rank) for rank in (0, 1))
+    assert np.array_equal(again.truth, found.truth)
+    assert not np.array_equal(other.truth[:1], found.truth[:1])
+    frames, level, truth = found.draw(np.random.default_rng(0), 7)
+    assert frames.shape == level.shape == truth.shape == (7, 32, 32)
+    assert frames.dtype == np.float32
+
+
+def test_solves_need_weights_and_are_on_the_card(folder, tmp_path):
+    start = tmp_path / "start.safetensors"
+    common = ["ffdnet", "--data", str(folder), "--steps", "1", "--crop", "32", "--batch", "2", "--out", str(tmp_path)]
+    refused = CliRunner().invoke(cli.main, [*common, "--solves", "1"])
+    assert isinstance(refused.exception, InputError)
+    assert "solves: weights to --start from" in str(refused.exception)
+    for more in (["--weights", str(start)], ["--start", str(start), "--solves", "1"]):
+        result = CliRunner().invoke(cli.main, [*common, *more], catch_exceptions=False)
+        assert result.exit_code == 0, result.output
+    card = (tmp_path / "ffdnet.md").read_text()
+    assert "--start start.safetensors --solves 1" in card
+    assert "what these weights have seen within the solver" in card
+    assert "within the solver" not in start.with_suffix(".md").read_text()
 
 
 def test_noise_has_unit_variance():

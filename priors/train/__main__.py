@@ -9,12 +9,16 @@ import click
 import numba
 import torch
 
+from pnp_sci.errors import InputError
 from pnp_sci.training.clips import load_clips, split
 from pnp_sci.training.loop import OPTIMIZERS, Budget, Place, launch, train
 
+from .. import assisted
+from .states import gather
 from .task import Denoising, Sample
 
 SAMPLES = {"video": Sample(frames=8, batch=1, crop=96), "ffdnet": Sample(frames=1, batch=16, crop=64)}
+PRIORS = {"video": assisted.video, "ffdnet": assisted.ffdnet}
 FOLDER = click.Path(exists=True, file_okay=False, path_type=Path)
 PATH = click.Path(path_type=Path)
 
@@ -23,6 +27,7 @@ PATH = click.Path(path_type=Path)
 @click.argument("name", type=click.Choice(sorted(SAMPLES)))
 @click.option("--data", type=FOLDER, multiple=True, required=True, help="Folder of videos or photographs; repeatable.")
 @click.option("--start", type=PATH, help="Weights to start from.  [default: random; for the video net the image net's]")
+@click.option("--solves", type=click.IntRange(min=1), help="Train for the solver too: with so many solved by --start.")
 @click.option("--out", type=PATH, help="Folder for checkpoint and curves.  [default: runs/NAME]")
 @click.option(
     "--weights", type=PATH, help="Weights to write, the model card beside them.  [default: OUT/NAME.safetensors]"
@@ -42,11 +47,15 @@ PATH = click.Path(path_type=Path)
 @click.option("--optimizer", type=click.Choice(OPTIMIZERS), default="adam", help="Adam, or Muon for the kernels.")
 @click.option("--validations", default=20, type=click.IntRange(min=1), help="How often the files are renewed.")
 @click.option("--resume", is_flag=True, help="Continue from the checkpoint in the output folder.")
-def main(name, data, start, out, weights, minutes, steps, seed, rate, crop, batch, optimizer, validations, resume):
+def main(
+    name, data, start, solves, out, weights, minutes, steps, seed, rate, crop, batch, optimizer, validations, resume
+):  # fmt: skip
     """Train the prior NAME on a folder of videos; for the image net, of photographs too.
 
     The video net starts from the image net of this package, which cleans the frames that it sees: to train both, train
-    that first, with --weights priors/weights/ffdnet.safetensors. --start goes on from other weights of NAME.
+    that first, with --weights priors/weights/ffdnet.safetensors. --start goes on from other weights of NAME. With
+    --solves, measurements of the training clips are solved with these first, and half of the samples are what the
+    network sees within the solver.
     Checkpoint, curves (CSV), weights and model card are renewed on the way. Works under torchrun.
     """
     out = out or Path("runs") / name
@@ -58,14 +67,19 @@ def main(name, data, start, out, weights, minutes, steps, seed, rate, crop, batc
     size = "".join(f" --{key} {value}" for key, value in asked.items())
     learning = f"--seed {seed} --rate {rate:g} --optimizer {optimizer}"
     begun = f" --start {start.name}" if start else ""
+    begun += f" --solves {solves}" if solves else ""
+    if solves and not start:
+        raise InputError("solves: weights to --start from were expected")
     command = f"python -m priors.train {name} {folders} {spent} {learning}{size}{begun}"
 
     def run() -> None:
         numba.set_num_threads(min(torch.get_num_threads(), numba.get_num_threads()))  # as torchrun shares them
         training, validation = split(load_clips(data))
         path = weights or out / f"{name}.safetensors"
-        task = Denoising(name, training, validation, sample, seed, path, command, start)
-        train(task, budget, Place.here(), resume)
+        place, prior = Place.here(), PRIORS[name]
+        states = gather(training, prior(start), solves, sample.crop, seed, place.rank) if solves else None
+        task = Denoising(name, training, validation, sample, seed, path, command, start, states)
+        train(task, budget, place, resume)
 
     launch(run)
 

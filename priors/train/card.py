@@ -32,11 +32,11 @@ pixel by more than {limit:g} standard deviations. Weights in half precision; SHA
 | hardware | {hardware} |
 | software | torch {torch} |
 
-Loss: absolute error over the square root of sigma; cosine schedule, exponential moving average of the weights.
+Loss: logarithm of the squared error of a frame; cosine schedule, exponential moving average of the weights.
 Noise: standard deviation mostly log-uniform in 5-50 of 255, else uniform in 0-75; white, and for {share:.0%} of the
 samples partly masked and shared by the frames, as the residual of a snapshot is.
 {seen} Training began with {origin}.
-
+{states}
 ## Validation
 
 Mean PSNR in dB over the first {shown} frames, central {size} x {size} pixels, of {count} clips whose scenes were not
@@ -47,6 +47,9 @@ trained on ({held_out}); white Gaussian noise of seed 0:
 | PSNR (dB) | {psnr} |
 
 These figures do not say how well the prior serves inside a solver, whose estimates hold other errors than white noise.
+"""
+
+STATES = """Half of the samples are what these weights have seen within the solver: {} frames of its estimates.
 """
 
 
@@ -63,6 +66,7 @@ def write_card(task: Denoising, progress: Progress, place: Place, digest: str) -
         share=FRAME if sample.frames == 1 else CLIP,
         seen=task.prepare.__doc__,
         origin=task.origin,
+        states=STATES.format(len(task.states.frames)) if task.states else "",
         digest=digest,
         command=task.command,
         data=f"{len(moving)} clips ({sum(moving)} frames) and {len(task.training) - len(moving)} photographs",

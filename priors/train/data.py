@@ -29,12 +29,13 @@ class Sampler:
     def __call__(self, rank: int, step: int) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         """Return clean and noisy crops (batch, frames, crop, crop) in [0, 1] and their noise levels (batch,)."""
         random = np.random.default_rng([self.seed, rank, step])
-        clean = np.stack([self._crop(random) for _ in range(self.batch)]).astype(np.float32) / 255
+        clean = np.stack([self.piece(random) for _ in range(self.batch)]).astype(np.float32) / 255
         sigma = np.array([noise_level(random) for _ in range(self.batch)], np.float32)
         noise = np.stack([unit_noise(random, clean.shape[1:]) for _ in range(self.batch)])
         return clean, clean + sigma[:, None, None, None] * noise, sigma
 
-    def _crop(self, random: np.random.Generator) -> np.ndarray:
+    def piece(self, random: np.random.Generator) -> np.ndarray:
+        """Draw a crop of some frames of a clip, uint8 (frames, crop, crop), turned and flipped."""
         pool = self.pools[random.integers(len(self.pools))]
         frames = pool[random.integers(len(pool))]
         count, height, width = frames.shape

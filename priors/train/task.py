@@ -18,7 +18,10 @@ from ..ffdnet import FFDNet
 from ..video import averaged, see
 from .card import write_card
 from .data import Sampler
+from .states import States
 from .validation import LEVELS, denoised, psnr
+
+LEAST = 1e-6  # added to squares: errors below are as good as none
 
 
 @dataclass(frozen=True)
@@ -74,11 +77,11 @@ class Denoising:
 
     def __init__(
         self, name: str, training: Sequence[Clip], validation: Sequence[Clip], sample: Sample, seed: int, weights: Path,
-        command: str, start: Path | None = None,
+        command: str, start: Path | None = None, states: States | None = None,
     ):  # fmt: skip
         torch.manual_seed(seed)
         self.name, self.sample, self.weights, self.command = name, sample, weights, command
-        self.training, self.validation = training, validation
+        self.training, self.validation, self.states = training, validation, states
         self.prepare = SEEN[name]()
         self.network = _weights.load(start, name)[0].train() if start else self.prepare.start()
         self.origin = "earlier weights" if start else self.prepare.origin
@@ -86,11 +89,20 @@ class Denoising:
         self.sampler = Sampler(training, frames=sample.frames, crop=sample.crop, batch=sample.batch, seed=seed)
 
     def loss(self, model: torch.nn.Module, place: Place, step: int) -> torch.Tensor:
-        """Absolute error over the square root of sigma, so that no level drowns the others."""
+        """Logarithm of a frame's squared error, in units of its noise; half of the samples are from a solver."""
         clean, noisy, sigma = self.sampler(place.rank, step)
-        out = denoised(model, *self.prepare(noisy, sigma), place.device)
-        error = (out - torch.from_numpy(clean).to(place.device)).abs().mean((1, 2, 3))
-        return (error / torch.from_numpy(sigma + 1 / 255).to(place.device).sqrt()).mean()
+        samples = [(*self.prepare(noisy, sigma), clean)]
+        if self.states:
+            random = np.random.default_rng([self.sampler.seed, place.rank, step, 1])
+            frames, level, truth = self.states.draw(random, clean.shape[0] * clean.shape[1])
+            samples.append((frames[None], level[None], truth[None]))
+        losses = []
+        for frames, level, truth in samples:
+            error = denoised(model, frames, level, place.device) - torch.from_numpy(truth).to(place.device)
+            noise = torch.from_numpy(level).to(place.device)
+            left, before = (a.square().mean((2, 3)) + LEAST for a in (error, noise))
+            losses.append((left / before).log().mean())
+        return torch.stack(losses).mean()
 
     def validate(self, network: torch.nn.Module, place: Place) -> torch.Tensor:
         """Sums of the PSNR in dB at each of the validation's levels, and the number of clips."""

@@ -1,0 +1,101 @@
+"""What a network sees within a solver, and what it should make of it.
+
+The estimates that a solver hands to its prior hold other errors than noise. A network that has been trained on noise
+goes on from what it meets there: measurements of training clips are solved with it, and what it is shown is kept beside
+the truth. Trained on that, it leads the solver elsewhere, so that it is worth while to gather once more with the new
+weights (Ross, Gordon & Bagnell, "A reduction of imitation learning to no-regret online learning", 2011).
+"""
+
+from __future__ import annotations
+
+import logging
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
+from dataclasses import dataclass
+
+import numpy as np
+
+import pnp_sci
+from pnp_sci.training.clips import Clip
+
+from .._inference import Runner
+from ..assisted import Assisted
+from .data import Sampler
+
+log = logging.getLogger(__name__)
+
+# Views and frames of the measurements that are solved, and how often.
+SETUPS = {(2, 10): 0.45, (2, 6): 0.13, (2, 14): 0.1, (1, 8): 0.2, (1, 16): 0.12}
+QUIET, NOISE = 0.65, (0.004, 0.1)  # part of them without noise; else log-uniform between these, in parts of max(y)
+DENSE, DENSITY = 0.75, (0.3, 0.6)  # part of the masks of density 1/2; else uniform between these
+BEST = 0.3  # part that is solved with the iterations of effort="best"
+CALLS, FRAMES = 5, 8  # kept of a measurement: the last call and others by chance, and so many frames of each at most
+
+
+@dataclass(frozen=True)
+class States:
+    """Frames as the network saw them, the noise level that it was told, and the truth: float16 (N, H, W) each."""
+
+    frames: np.ndarray
+    level: np.ndarray
+    truth: np.ndarray
+
+    def draw(self, random: np.random.Generator, count: int) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        """So many of them, (count, H, W) each, float32, turned and flipped."""
+        chosen = random.integers(len(self.frames), size=count)
+        quarters, flip = int(random.integers(4)), random.choice([-1, 1])
+        return tuple(  # type: ignore[return-value]
+            np.rot90(a[chosen], quarters, (1, 2))[:, ::flip].astype(np.float32)
+            for a in (self.frames, self.level, self.truth)
+        )
+
+
+def gather(clips: Sequence[Clip], prior: Assisted, solves: int, crop: int, seed: int, rank: int) -> States:
+    """Solve so many measurements of `crop` x `crop` pixels with the prior, and keep what its network sees.
+
+    Each view shows a clip of its own. The same (seed, rank) always draws the same measurements.
+    """
+    random = np.random.default_rng([seed, rank])
+    seen: list[tuple[np.ndarray, np.ndarray]] = []
+    kept: list[tuple[np.ndarray, np.ndarray, np.ndarray]] = []
+    with _watched(prior.net._runner, seen):
+        for n in range(solves):
+            seen.clear()
+            truth = _solved(clips, prior, crop, random)
+            last = len(seen) - 1
+            for call in sorted({last, *random.integers(last + 1, size=CALLS - 1).tolist()}):
+                chosen = random.permutation(len(truth))[:FRAMES]
+                frames, level = seen[call]
+                kept.append((frames[chosen], level[chosen], truth[chosen]))
+            if (n + 1) % 20 == 0:
+                log.info("%d of %d measurements solved", n + 1, solves)
+    return States(*(np.concatenate(part) for part in zip(*kept)))
+
+
+@contextmanager
+def _watched(runner: Runner, seen: list[tuple[np.ndarray, np.ndarray]]) -> Iterator[None]:
+    """Meanwhile, `seen` holds the frames and levels that the runner has been given."""
+
+    def noise(frames: np.ndarray, level: np.ndarray) -> np.ndarray:
+        seen.append((frames.astype(np.float16), level.astype(np.float16)))
+        return type(runner).noise(runner, frames, level)
+
+    runner.noise = noise  # type: ignore[method-assign]
+    try:
+        yield
+    finally:
+        del runner.noise
+
+
+def _solved(clips: Sequence[Clip], prior: Assisted, crop: int, random: np.random.Generator) -> np.ndarray:
+    """Solve one measurement; returns its truth (V * B, H, W) in the units that the network saw."""
+    views, frames = list(SETUPS)[random.choice(len(SETUPS), p=list(SETUPS.values()))]
+    sampler = Sampler(clips, frames=frames, crop=crop, batch=1, seed=0)
+    truth = np.stack([sampler.piece(random) for _ in range(views)]).astype(np.float32) / 255
+    density = 0.5 if random.random() < DENSE else random.uniform(*DENSITY)
+    masks = pnp_sci.moving_masks(truth.shape, density, seed=int(random.integers(2**31)))  # type: ignore[arg-type]
+    noise = 0.0 if random.random() < QUIET else float(np.exp(random.uniform(*np.log(NOISE))))
+    y = pnp_sci.simulate(truth, masks, noise, seed=int(random.integers(2**31)))
+    effort = "best" if random.random() < BEST else "balanced"
+    result = pnp_sci.solve(y, masks, prior, effort=effort, scene="full", tol=0)
+    return (truth / result.settings["unit"][0]).reshape(-1, crop, crop).astype(np.float16)
