@@ -206,17 +206,22 @@ def test_samples_depend_on_seed_rank_and_step_only():
 def test_states_are_what_the_network_sees_and_its_truth(folder):
     training, _ = clips.split(clips.load_clips([folder]))
     prior = assisted.video()
-    found = states.gather(training, prior, solves=2, crop=32, seed=1, rank=0)
+    network = prior.net._runner.network
+
+    def gathered(rank):
+        return states.Watch(training, prior, solves=2, crop=32, seed=1, rank=rank)(network)
+
+    found = gathered(rank=0)
     assert found.frames.shape == found.level.shape == found.truth.shape
     assert found.frames.shape[1:] == (32, 32)
     assert len(found.frames) > states.FRAMES
-    assert isinstance(prior.net._runner, type(assisted.video().net._runner)), "the prior is as it was"
+    assert "noise" not in vars(prior.net._runner), "the prior is as it was"
     error, elsewhere = (np.square(found.frames - truth).mean() for truth in (found.truth, found.truth[::-1]))
     assert error < 0.8 * elsewhere, "each frame lies beside its own truth"
-    again, other = (states.gather(training, prior, 2, 32, 1, rank) for rank in (0, 1))
+    again, other = map(gathered, (0, 1))
     assert np.array_equal(again.truth, found.truth)
     assert not np.array_equal(other.truth[:1], found.truth[:1])
-    frames, level, truth = found.draw(np.random.default_rng(0), 7)
+    frames, level, truth = (found + other).draw(np.random.default_rng(0), 7)
     assert frames.shape == level.shape == truth.shape == (7, 32, 32)
     assert frames.dtype == np.float32
 
@@ -232,7 +237,7 @@ def test_solves_need_weights_and_are_on_the_card(folder, tmp_path):
         assert result.exit_code == 0, result.output
     card = (tmp_path / "ffdnet.md").read_text()
     assert "--start start.safetensors --solves 1" in card
-    assert "what these weights have seen within the solver" in card
+    assert "what the network has seen within the solver" in card
     assert "within the solver" not in start.with_suffix(".md").read_text()
 
 

@@ -14,7 +14,7 @@ from pnp_sci.training.clips import load_clips, split
 from pnp_sci.training.loop import OPTIMIZERS, Budget, Place, launch, train
 
 from .. import assisted
-from .states import gather
+from .states import Watch
 from .task import Denoising, Sample
 
 SAMPLES = {"video": Sample(frames=8, batch=1, crop=96), "ffdnet": Sample(frames=1, batch=16, crop=64)}
@@ -27,7 +27,7 @@ PATH = click.Path(path_type=Path)
 @click.argument("name", type=click.Choice(sorted(SAMPLES)))
 @click.option("--data", type=FOLDER, multiple=True, required=True, help="Folder of videos or photographs; repeatable.")
 @click.option("--start", type=PATH, help="Weights to start from.  [default: random; for the video net the image net's]")
-@click.option("--solves", type=click.IntRange(min=1), help="Train for the solver too: with so many solved by --start.")
+@click.option("--solves", type=click.IntRange(min=1), help="Train on what is seen in so many solved measurements.")
 @click.option("--out", type=PATH, help="Folder for checkpoint and curves.  [default: runs/NAME]")
 @click.option(
     "--weights", type=PATH, help="Weights to write, the model card beside them.  [default: OUT/NAME.safetensors]"
@@ -54,8 +54,8 @@ def main(
 
     The video net starts from the image net of this package, which cleans the frames that it sees: to train both, train
     that first, with --weights priors/weights/ffdnet.safetensors. --start goes on from other weights of NAME. With
-    --solves, measurements of the training clips are solved with these first, and half of the samples are what the
-    network sees within the solver.
+    --solves, so many measurements of the training clips are solved with these, and with those that each validation
+    finds, and half of the samples are what the network has seen within the solver; this time does not count either.
     Checkpoint, curves (CSV), weights and model card are renewed on the way. Works under torchrun.
     """
     out = out or Path("runs") / name
@@ -77,8 +77,8 @@ def main(
         training, validation = split(load_clips(data))
         path = weights or out / f"{name}.safetensors"
         place, prior = Place.here(), PRIORS[name]
-        states = gather(training, prior(start), solves, sample.crop, seed, place.rank) if solves else None
-        task = Denoising(name, training, validation, sample, seed, path, command, start, states)
+        watch = Watch(training, prior(start), solves, sample.crop, seed, place.rank) if solves else None
+        task = Denoising(name, training, validation, sample, seed, path, command, start, watch)
         train(task, budget, place, resume)
 
     launch(run)

@@ -49,7 +49,7 @@ trained on ({held_out}); white Gaussian noise of seed 0:
 These figures do not say how well the prior serves inside a solver, whose estimates hold other errors than white noise.
 """
 
-STATES = """Half of the samples are what these weights have seen within the solver: {} frames of its estimates.
+STATES = """Half of the samples are what the network has seen within the solver meanwhile: {} frames of its estimates.
 """
 
 

@@ -2,18 +2,19 @@
 
 The estimates that a solver hands to its prior hold other errors than noise. A network that has been trained on noise
 goes on from what it meets there: measurements of training clips are solved with it, and what it is shown is kept beside
-the truth. Trained on that, it leads the solver elsewhere, so that it is worth while to gather once more with the new
-weights (Ross, Gordon & Bagnell, "A reduction of imitation learning to no-regret online learning", 2011).
+the truth. Trained on that, it leads the solver elsewhere, so that more is gathered with the new weights, time and again
+(Ross, Gordon & Bagnell, "A reduction of imitation learning and structured prediction to no-regret online learning",
+2011): trained on one collection only, the network draws things on and on where noise hides the scene.
 """
 
 from __future__ import annotations
 
-import logging
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass
 
 import numpy as np
+import torch
 
 import pnp_sci
 from pnp_sci.training.clips import Clip
@@ -22,13 +23,13 @@ from .._inference import Runner
 from ..assisted import Assisted
 from .data import Sampler
 
-log = logging.getLogger(__name__)
-
 # Views and frames of the measurements that are solved, and how often.
 SETUPS = {(2, 10): 0.45, (2, 6): 0.13, (2, 14): 0.1, (1, 8): 0.2, (1, 16): 0.12}
 QUIET, NOISE = 0.65, (0.004, 0.1)  # part of them without noise; else log-uniform between these, in parts of max(y)
 DENSE, DENSITY = 0.75, (0.3, 0.6)  # part of the masks of density 1/2; else uniform between these
-BEST = 0.3  # part that is solved with the iterations of effort="best"
+# Part of them that is solved with the iterations of effort="best", and with so many: what a network that goes astray
+# makes of a scene in the long run is to be seen too.
+BEST, LONG, MANY = 0.3, 0.15, 150
 CALLS, FRAMES = 5, 8  # kept of a measurement: the last call and others by chance, and so many frames of each at most
 
 
@@ -40,6 +41,11 @@ class States:
     level: np.ndarray
     truth: np.ndarray
 
+    def __add__(self, more: States) -> States:
+        """Both together."""
+        pairs = zip((self.frames, self.level, self.truth), (more.frames, more.level, more.truth))
+        return States(*(np.concatenate(pair) for pair in pairs))
+
     def draw(self, random: np.random.Generator, count: int) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         """So many of them, (count, H, W) each, float32, turned and flipped."""
         chosen = random.integers(len(self.frames), size=count)
@@ -50,26 +56,41 @@ class States:
         )
 
 
-def gather(clips: Sequence[Clip], prior: Assisted, solves: int, crop: int, seed: int, rank: int) -> States:
-    """Solve so many measurements of `crop` x `crop` pixels with the prior, and keep what its network sees.
+class Watch:
+    """Solves measurements of `crop` x `crop` pixels with a prior, and keeps what its network sees.
 
-    Each view shows a clip of its own. The same (seed, rank) always draws the same measurements.
+    Parameters
+    ----------
+    clips : sequence of Clip
+        Each view shows a piece of one.
+    prior : Assisted
+        Its network's weights are replaced.
+    solves : int
+        Measurements at a time.
+    crop, seed, rank : int
+        The same always draw the same measurements.
     """
-    random = np.random.default_rng([seed, rank])
-    seen: list[tuple[np.ndarray, np.ndarray]] = []
-    kept: list[tuple[np.ndarray, np.ndarray, np.ndarray]] = []
-    with _watched(prior.net._runner, seen):
-        for n in range(solves):
-            seen.clear()
-            truth = _solved(clips, prior, crop, random)
-            last = len(seen) - 1
-            for call in sorted({last, *random.integers(last + 1, size=CALLS - 1).tolist()}):
-                chosen = random.permutation(len(truth))[:FRAMES]
-                frames, level = seen[call]
-                kept.append((frames[chosen], level[chosen], truth[chosen]))
-            if (n + 1) % 20 == 0:
-                log.info("%d of %d measurements solved", n + 1, solves)
-    return States(*(np.concatenate(part) for part in zip(*kept)))
+
+    def __init__(self, clips: Sequence[Clip], prior: Assisted, solves: int, crop: int, seed: int, rank: int):
+        self.clips, self.prior, self.solves, self.crop = clips, prior, solves, crop
+        self.random = np.random.default_rng([seed, rank])
+
+    def __call__(self, network: torch.nn.Module) -> States:
+        """What the network, a bare one, sees within the solver."""
+        runner = self.prior.net._runner
+        runner.network.load_state_dict(network.state_dict())
+        seen: list[tuple[np.ndarray, np.ndarray]] = []
+        kept: list[tuple[np.ndarray, np.ndarray, np.ndarray]] = []
+        with _watched(runner, seen):
+            for _ in range(self.solves):
+                seen.clear()
+                truth = _solved(self.clips, self.prior, self.crop, self.random)
+                last = len(seen) - 1
+                for call in sorted({last, *self.random.integers(last + 1, size=CALLS - 1).tolist()}):
+                    chosen = self.random.permutation(len(truth))[:FRAMES]
+                    frames, level = seen[call]
+                    kept.append((frames[chosen], level[chosen], truth[chosen]))
+        return States(*(np.concatenate(part) for part in zip(*kept)))
 
 
 @contextmanager
@@ -96,6 +117,7 @@ def _solved(clips: Sequence[Clip], prior: Assisted, crop: int, random: np.random
     masks = pnp_sci.moving_masks(truth.shape, density, seed=int(random.integers(2**31)))  # type: ignore[arg-type]
     noise = 0.0 if random.random() < QUIET else float(np.exp(random.uniform(*np.log(NOISE))))
     y = pnp_sci.simulate(truth, masks, noise, seed=int(random.integers(2**31)))
-    effort = "best" if random.random() < BEST else "balanced"
-    result = pnp_sci.solve(y, masks, prior, effort=effort, scene="full", tol=0)
+    kind = random.random()
+    effort, iterations = "best" if kind < BEST else "balanced", MANY if kind > 1 - LONG else None
+    result = pnp_sci.solve(y, masks, prior, effort=effort, iterations=iterations, scene="full", tol=0)
     return (truth / result.settings["unit"][0]).reshape(-1, crop, crop).astype(np.float16)

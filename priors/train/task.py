@@ -18,7 +18,7 @@ from ..ffdnet import FFDNet
 from ..video import averaged, see
 from .card import write_card
 from .data import Sampler
-from .states import States
+from .states import Watch
 from .validation import LEVELS, denoised, psnr
 
 LEAST = 1e-6  # added to squares: errors below are as good as none
@@ -77,14 +77,15 @@ class Denoising:
 
     def __init__(
         self, name: str, training: Sequence[Clip], validation: Sequence[Clip], sample: Sample, seed: int, weights: Path,
-        command: str, start: Path | None = None, states: States | None = None,
+        command: str, start: Path | None = None, watch: Watch | None = None,
     ):  # fmt: skip
         torch.manual_seed(seed)
         self.name, self.sample, self.weights, self.command = name, sample, weights, command
-        self.training, self.validation, self.states = training, validation, states
+        self.training, self.validation, self.watch = training, validation, watch
         self.prepare = SEEN[name]()
         self.network = _weights.load(start, name)[0].train() if start else self.prepare.start()
         self.origin = "earlier weights" if start else self.prepare.origin
+        self.states = watch(self.network) if watch else None
         self.compiled = [self.network]
         self.sampler = Sampler(training, frames=sample.frames, crop=sample.crop, batch=sample.batch, seed=seed)
 
@@ -105,7 +106,12 @@ class Denoising:
         return torch.stack(losses).mean()
 
     def validate(self, network: torch.nn.Module, place: Place) -> torch.Tensor:
-        """Sums of the PSNR in dB at each of the validation's levels, and the number of clips."""
+        """Sums of the PSNR in dB at each of the validation's levels, and the number of clips.
+
+        What this network sees within the solver joins the samples.
+        """
+        if self.watch and self.states:
+            self.states += self.watch(network)
         clips = self.validation[place.rank :: place.world]
         return torch.cat([psnr(network, self.prepare, clips, place.device), torch.tensor([float(len(clips))])])
 
