@@ -257,11 +257,12 @@ def _spread(weights, out):
 
 
 @kernel
-def collaborate(frames, pilot, sigma, least, found, out):
+def collaborate(frames, pilot, level, threshold, found, out):
     """out <- frames (N, H, W), groups of patches filtered together.
 
-    By a Wiener filter whose signal is the pilot's (N, H, W); without a pilot (0, H, W) by dropping what is below
-    `least`. The mean of every group is kept.
+    By a Wiener filter whose signal is the pilot's (N, H, W); without a pilot (0, H, W) by dropping what is below the
+    threshold, in units of the noise. Each group has a noise level > 0 and counts the less the more it is. The mean of
+    every group is kept.
     """
     count, rows, columns = frames.shape
     tops, lefts = found.shape[1:3]
@@ -269,20 +270,22 @@ def collaborate(frames, pilot, sigma, least, found, out):
     height = min(STEP * (BAND - 1) + SIDE + 2 * REACH, rows)
     total = np.zeros((count * bands, height * columns), frames.dtype)
     weights = np.zeros_like(total)
+    faintest = level.min()
     for job in numba.prange(count * bands):
         n, first = job // bands, job % bands * BAND
         pixels, begin = frames[n].reshape(-1), _begin(first, height, rows) * columns
         cube, signal = np.empty(CUBE, frames.dtype), np.empty(CUBE, frames.dtype)
         for r in range(first, min(first + BAND, tops)):
             for c in range(lefts):
-                places = found[n, r, c]
+                places, sigma = found[n, r, c], level[n, r, c]
                 _spectrum(pixels, columns, places, cube)
                 mean = cube[0]
                 if len(pilot) > 0:
                     _spectrum(pilot[n].reshape(-1), columns, places, signal)
                     weight = _shrink(cube, signal, sigma * sigma)
                 else:
-                    weight = _threshold(cube, least)
+                    weight = _threshold(cube, threshold * sigma)
+                weight *= (faintest / sigma) ** 2
                 cube[0] = mean
                 _unhaar(cube)
                 _columns(INVERSE, cube)

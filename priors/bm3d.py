@@ -21,6 +21,8 @@ STRENGTH = 1.8
 RENEW = 8  # calls for which groups serve: on clips of the validation as good as 4, in still and moving scenes
 SETTLED = 10  # calls for each frame of all views after which estimates flicker more than they improve
 FAINT = 1e-6  # sigma below which nothing is left to do
+LEAST, NOTHING = 1e-3, 1e-15  # least sigma of a group, in that of the noisiest one, and at all
+MIDDLE = slice(kernels.SIDE // 2, 1 - kernels.SIDE // 2, kernels.STEP)  # pixels in the middle of patches
 
 
 class BM3D:
@@ -80,15 +82,16 @@ class BM3D:
         """Whether a solver's estimates hardly improve any more, and mostly flicker from groups to groups."""
         return self._fits is not None and self._filtered > SETTLED * self._fits[0] * self._fits[1]
 
-    def __call__(self, x: Any, sigma: float) -> np.ndarray:
+    def __call__(self, x: Any, sigma: float | np.ndarray) -> np.ndarray:
         """Denoise x (V, B, H, W), values about [0, 1]; computed in float32.
 
         Parameters
         ----------
         x : array_like, (V, B, H, W)
             What is not finite spoils the results until `reset`.
-        sigma : float
-            Standard deviation of the noise in the units of x, >= 0. At 0 a copy of x is returned.
+        sigma : float or ndarray, (V, B, H, W)
+            Standard deviation of the noise in the units of x, >= 0, or that of each pixel: a group has that in the
+            middle of its first patch. At 0 a copy of x is returned.
 
         Returns
         -------
@@ -99,8 +102,8 @@ class BM3D:
             self.reset()
             self._fits = np.shape(x)
         self._calls += 1
-        if self._calls <= self.first or not sigma >= FAINT:
-            return self._before(x, sigma)
+        if self._calls <= self.first or not np.max(sigma) >= FAINT:
+            return self._before(x, float(np.mean(sigma)))
         v = np.asarray(x)
         v = np.ascontiguousarray(v, np.float64 if v.dtype == np.float64 else np.float32)
         if v.ndim != 4 or v.size == 0:
@@ -108,13 +111,16 @@ class BM3D:
         rows, columns = v.shape[2:]
         margins = ((0, 0), *((0, max(-n % kernels.STEP, kernels.SIDE - n)) for n in (rows, columns)))
         frames = np.pad(v.reshape(-1, rows, columns).astype(np.float32, copy=False), margins, mode="edge")
+        level = sigma
+        if isinstance(sigma, np.ndarray):
+            level = np.pad(sigma.reshape(-1, rows, columns), margins, mode="edge")[:, MIDDLE, MIDDLE]
         strength = STRENGTH if self._filtered else 1
         if not self._filtered:
-            self._signal = filtered(frames, sigma, groups(frames))
+            self._signal = filtered(frames, level, groups(frames))
         if self._filtered % RENEW == 0:
             self._groups = groups(self._signal)
         self._filtered += 1
-        self._signal = filtered(frames, strength * sigma, self._groups, self._signal)
+        self._signal = filtered(frames, strength * level, self._groups, self._signal)
         clean = self._signal[:, :rows, :columns].reshape(v.shape)
         return clean.astype(v.dtype)
 
@@ -127,9 +133,14 @@ def groups(frames: np.ndarray) -> np.ndarray:
     return found
 
 
-def filtered(frames: np.ndarray, sigma: float, found: np.ndarray, signal: np.ndarray | None = None) -> np.ndarray:
-    """Frames (N, H, W) filtered in groups: by Wiener's filter for a `signal` (N, H, W), or by a threshold."""
+def filtered(frames: np.ndarray, level: Any, found: np.ndarray, signal: np.ndarray | None = None) -> np.ndarray:
+    """Frames (N, H, W) filtered in groups: by Wiener's filter for a `signal` (N, H, W), or by a threshold.
+
+    `level` is the standard deviation of the noise, or that of each group (N, H / 4 - 1, W / 4 - 1).
+    """
     out = np.empty_like(frames)
-    level, least = (np.float32(a) for a in (sigma, THRESHOLD * sigma))
-    kernels.collaborate(frames, frames[:0] if signal is None else signal, level, least, found, out)
+    of_groups = np.broadcast_to(np.float32(level), found.shape[:3])
+    of_groups = np.maximum(of_groups, max(np.max(level) * LEAST, NOTHING), dtype=np.float32)
+    pilot = frames[:0] if signal is None else signal
+    kernels.collaborate(frames, pilot, of_groups, np.float32(THRESHOLD), found, out)
     return out

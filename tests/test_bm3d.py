@@ -110,6 +110,21 @@ def test_the_signal_is_that_of_the_last_call():
         assert np.array_equal(denoise(seen, 0.1)[0], signal)
 
 
+def test_noise_of_each_pixel():
+    """Told of noise that grows across the frame, better than with any one level; told the same everywhere, the same."""
+    clean = picture(96, 128)
+    level = np.broadcast_to(np.linspace(0.02, 0.3, 128, dtype=np.float32), clean.shape)
+    seen = (clean + level * np.random.default_rng(0).standard_normal(clean.shape, np.float32))[None, None]
+    told = psnr(BM3D(first=0)(seen, level[None, None])[0, 0], clean)
+    assert told > 0.5 + max(psnr(BM3D(first=0)(seen, one)[0, 0], clean) for one in (0.05, 0.1, 0.15, 0.2))
+    everywhere = np.full_like(seen, 0.1)
+    np.testing.assert_allclose(BM3D(first=0)(seen, everywhere), BM3D(first=0)(seen, 0.1), atol=1e-6)
+    partly = BM3D(first=0)(seen, np.where(level > 0.1, level, 0)[None, None])
+    assert np.isfinite(partly).all()
+    untouched = np.s_[..., :20]
+    assert np.abs(partly - seen)[untouched].max() < 0.05 * np.abs(partly - seen).max(), "no noise there: nothing to do"
+
+
 def test_estimates_flicker_after_ten_calls_a_frame():
     seen = noisy(np.stack([picture(), picture()[::-1]]), 0.1)[:, None]
     denoise, flow = BM3D(first=3), Flow()
