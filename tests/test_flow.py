@@ -50,6 +50,18 @@ def test_strangers_do_not_help():
     assert motion.weights.mean() < 2.55
 
 
+def test_bm3d_is_told_what_the_averages_leave(moving, monkeypatch):
+    """A frame's left half has neighbours, its right half is unlike any of them."""
+    told = []
+    monkeypatch.setattr(flow.BM3D, "__call__", lambda self, x, sigma: told.append(sigma / 0.05 / flow.GRAIN) or x)
+    mixed = moving.copy()
+    mixed[0, 3, :, 48:] = np.random.default_rng(0).random((96, 48))
+    Flow(first=0)(mixed, 0.05)
+    left, right = told[0][0, 3, :, 8:40], told[0][0, 3, :, 56:]
+    assert np.median(left) < 0.7
+    assert np.median(right) > 0.95
+
+
 @pytest.mark.parametrize(("view", "at_least"), [(0, 1.0), (1, 0.0)])
 def test_better_than_tv_in_the_solver(view, at_least):
     scene = datasets.embedded_scene(128)
