@@ -270,10 +270,9 @@ def collaborate(frames, pilot, level, threshold, found, out):
     height = min(STEP * (BAND - 1) + SIDE + 2 * REACH, rows)
     total = np.zeros((count * bands, height * columns), frames.dtype)
     weights = np.zeros_like(total)
-    faintest = level.min()
     for job in numba.prange(count * bands):
         n, first = job // bands, job % bands * BAND
-        pixels, begin = frames[n].reshape(-1), _begin(first, height, rows) * columns
+        pixels, begin, faintest = frames[n].reshape(-1), _begin(first, height, rows) * columns, level[n].min()
         cube, signal = np.empty(CUBE, frames.dtype), np.empty(CUBE, frames.dtype)
         for r in range(first, min(first + BAND, tops)):
             for c in range(lefts):

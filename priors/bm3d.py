@@ -21,7 +21,7 @@ STRENGTH = 1.8
 RENEW = 8  # calls for which groups serve: on clips of the validation as good as 4, in still and moving scenes
 SETTLED = 10  # calls for each frame of all views after which estimates flicker more than they improve
 FAINT = 1e-6  # sigma below which nothing is left to do
-LEAST, NOTHING = 1e-3, 1e-15  # least sigma of a group, in that of the noisiest one, and at all
+LEAST, NOTHING = 1e-3, 1e-15  # least sigma of a group, in that of the noisiest one of its frame, and at all
 MIDDLE = slice(kernels.SIDE // 2, 1 - kernels.SIDE // 2, kernels.STEP)  # pixels in the middle of patches
 
 
@@ -91,7 +91,13 @@ class BM3D:
             What is not finite spoils the results until `reset`.
         sigma : float or ndarray, (V, B, H, W)
             Standard deviation of the noise in the units of x, >= 0, or that of each pixel: a group has that in the
-            middle of its first patch. At 0 a copy of x is returned.
+            middle of its first patch, and a thousandth of the largest in its frame at least. Calls of TV have the mean.
+            At 0 everywhere a copy of x is returned.
+
+        Raises
+        ------
+        InputError
+            If x is not (V, B, H, W), or sigma neither a number nor one for each of its values, finite and >= 0.
 
         Returns
         -------
@@ -102,7 +108,9 @@ class BM3D:
             self.reset()
             self._fits = np.shape(x)
         self._calls += 1
-        if self._calls <= self.first or not np.max(sigma) >= FAINT:
+        if np.ndim(sigma) and (np.shape(sigma) != np.shape(x) or not np.isfinite(sigma).all() or np.min(sigma) < 0):
+            raise InputError(f"sigma has shape {np.shape(sigma)}: finite values >= 0 in x's shape were expected")
+        if self._calls <= self.first or not np.max(sigma, initial=0) >= FAINT:
             return self._before(x, float(np.mean(sigma)))
         v = np.asarray(x)
         v = np.ascontiguousarray(v, np.float64 if v.dtype == np.float64 else np.float32)
@@ -112,8 +120,8 @@ class BM3D:
         margins = ((0, 0), *((0, max(-n % kernels.STEP, kernels.SIDE - n)) for n in (rows, columns)))
         frames = np.pad(v.reshape(-1, rows, columns).astype(np.float32, copy=False), margins, mode="edge")
         level = sigma
-        if isinstance(sigma, np.ndarray):
-            level = np.pad(sigma.reshape(-1, rows, columns), margins, mode="edge")[:, MIDDLE, MIDDLE]
+        if np.ndim(sigma):
+            level = np.pad(np.reshape(sigma, (-1, rows, columns)), margins, mode="edge")[:, MIDDLE, MIDDLE]
         strength = STRENGTH if self._filtered else 1
         if not self._filtered:
             self._signal = filtered(frames, level, groups(frames))
@@ -140,7 +148,9 @@ def filtered(frames: np.ndarray, level: Any, found: np.ndarray, signal: np.ndarr
     """
     out = np.empty_like(frames)
     of_groups = np.broadcast_to(np.float32(level), found.shape[:3])
-    of_groups = np.maximum(of_groups, max(np.max(level) * LEAST, NOTHING), dtype=np.float32)
+    of_groups = np.maximum(
+        of_groups, np.maximum(LEAST * of_groups.max((1, 2), keepdims=True), NOTHING), dtype=np.float32
+    )
     pilot = frames[:0] if signal is None else signal
     kernels.collaborate(frames, pilot, of_groups, np.float32(THRESHOLD), found, out)
     return out

@@ -37,9 +37,9 @@ class Flow:
     estimates the optical flow from each frame straight to each of its neighbours (never chained: chains drift) and how
     far to trust it: where the flow there and the flow back do not cancel, or where the warped neighbour differs from
     the frame, it counts little. Every call denoises the frames on their own, by TV, and averages each with its
-    neighbours, warped onto it, by these weights; :class:`priors.bm3d.BM3D`, told how much noise that leaves in each
-    pixel, filters what comes of it, and has clips of one frame for itself. Clips below 32 pixels a side show no motion
-    and are left to TV.
+    neighbours, warped onto it, by these weights; :class:`priors.bm3d.BM3D`, told 1.6 times the noise that this leaves
+    in each pixel, filters what comes of it, and has clips of one frame for itself. Clips below 32 pixels a side show no
+    motion and are left to TV.
 
     Parameters
     ----------
@@ -139,5 +139,5 @@ class Flow:
         """
         if not self._motion:
             return x
-        self._motion = []  # a further call measures it anew; until then it would take memory
+        self._motion, self._left = [], self._left[:0]  # a further call measures anew; until then they would take memory
         return finished(x, sigma, self.neighbours, self.drift, SEARCH)

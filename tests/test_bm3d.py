@@ -112,17 +112,33 @@ def test_the_signal_is_that_of_the_last_call():
 
 def test_noise_of_each_pixel():
     """Told of noise that grows across the frame, better than with any one level; told the same everywhere, the same."""
-    clean = picture(96, 128)
-    level = np.broadcast_to(np.linspace(0.02, 0.3, 128, dtype=np.float32), clean.shape)
-    seen = (clean + level * np.random.default_rng(0).standard_normal(clean.shape, np.float32))[None, None]
-    told = psnr(BM3D(first=0)(seen, level[None, None])[0, 0], clean)
-    assert told > 0.5 + max(psnr(BM3D(first=0)(seen, one)[0, 0], clean) for one in (0.05, 0.1, 0.15, 0.2))
+    clean = np.stack([picture(97, 130)] * 2)[None]
+    across = np.broadcast_to(np.linspace(0.02, 0.3, 130, dtype=np.float32), clean.shape[2:])
+    level = np.stack([across, across[:, ::-1]])[None]
+    seen = clean + level * np.random.default_rng(0).standard_normal(clean.shape, np.float32)
+    told = psnr(BM3D(first=0)(seen, level), clean)
+    assert told > 0.5 + max(psnr(BM3D(first=0)(seen, one), clean) for one in (0.05, 0.1, 0.15, 0.2))
     everywhere = np.full_like(seen, 0.1)
     np.testing.assert_allclose(BM3D(first=0)(seen, everywhere), BM3D(first=0)(seen, 0.1), atol=1e-6)
-    partly = BM3D(first=0)(seen, np.where(level > 0.1, level, 0)[None, None])
+    partly = BM3D(first=0)(seen, np.where(level > 0.1, level, 0))
     assert np.isfinite(partly).all()
-    untouched = np.s_[..., :20]
+    untouched = np.s_[0, 0, :, :20]
     assert np.abs(partly - seen)[untouched].max() < 0.05 * np.abs(partly - seen).max(), "no noise there: nothing to do"
+
+
+def test_noise_of_one_frame_is_nothing_to_another():
+    seen = noisy(np.stack([picture(), picture()]), 0.1)[:, None]
+    level = np.full(seen.shape, 0.1, np.float32)
+    louder = level * np.array([1, 1e4], np.float32).reshape(2, 1, 1, 1)
+    louder[1, ..., :20] = 1e-5
+    np.testing.assert_array_equal(BM3D(first=0)(seen, louder)[0], BM3D(first=0)(seen, level)[0])
+
+
+@pytest.mark.parametrize("sigma", [np.full((1, 1, 20, 24), 0.1), np.array([0.1]), np.full((1, 1, 24, 20), -1.0)])
+def test_noise_that_fits_no_pixel(sigma):
+    sigma = sigma if sigma.min() > 0 else np.where(np.arange(20) < 9, sigma, 0.1)
+    with pytest.raises(InputError, match="sigma has shape"):
+        BM3D(first=0)(np.zeros((1, 1, 24, 20), np.float32), sigma)
 
 
 def test_estimates_flicker_after_ten_calls_a_frame():

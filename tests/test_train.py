@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 from click.testing import CliRunner
 
+import pnp_sci
 from pnp_sci.errors import FormatError, InputError
 
 torch = pytest.importorskip("torch")
@@ -166,7 +167,8 @@ def test_learns(folder, tmp_path, optimizer):
 def test_two_processes_agree(folder, tmp_path):
     """What torchrun does: each process has its rank; the result is that of one set of weights."""
     command = [sys.executable, "-m", "priors.train", "video", "--data", str(folder), "--out", str(tmp_path)]
-    command += ["--steps", "2", "--crop", "32", "--batch", "1"]
+    command += ["--steps", "2", "--crop", "32", "--batch", "1", "--validations", "1"]
+    command += ["--start", str(assisted.video().net.weights), "--solves", "1"]
     shared = {"WORLD_SIZE": "2", "MASTER_ADDR": "127.0.0.1", "MASTER_PORT": "29617", "OMP_NUM_THREADS": "1"}
     ranks = [subprocess.Popen(command, env=os.environ | shared | {"RANK": rank}) for rank in "01"]
     assert [process.wait(120) for process in ranks] == [0, 0]
@@ -203,42 +205,83 @@ def test_samples_depend_on_seed_rank_and_step_only():
     assert all(np.array_equal(a, b) for a, b in zip(sampler(0, 7), (clean, noisy, sigma)))
 
 
-def test_states_are_what_the_network_sees_and_its_truth(folder):
+@pytest.fixture
+def watch(folder):
     training, _ = clips.split(clips.load_clips([folder]))
-    prior = assisted.video()
-    network = prior.net._runner.network
+    return lambda rank=0: states.Watch(training, assisted.video(), solves=2, crop=32, seed=1, rank=rank)
 
-    def gathered(rank):
-        return states.Watch(training, prior, solves=2, crop=32, seed=1, rank=rank)(network)
 
-    found = gathered(rank=0)
+def test_states_are_what_the_network_sees_and_its_truth(watch):
+    network = assisted.video().net._runner.network
+    watching = watch()
+    found, again, other = watching(network), watch()(network), watch(rank=1)(network)
     assert found.frames.shape == found.level.shape == found.truth.shape
     assert found.frames.shape[1:] == (32, 32)
     assert len(found.frames) > states.FRAMES
-    assert "noise" not in vars(prior.net._runner), "the prior is as it was"
+    assert "noise" not in vars(watching.prior.net._runner), "the prior is as it was"
     error, elsewhere = (np.square(found.frames - truth).mean() for truth in (found.truth, found.truth[::-1]))
     assert error < 0.8 * elsewhere, "each frame lies beside its own truth"
-    again, other = map(gathered, (0, 1))
     assert np.array_equal(again.truth, found.truth)
+    assert np.array_equal(again.frames, found.frames)
     assert not np.array_equal(other.truth[:1], found.truth[:1])
-    frames, level, truth = (found + other).draw(np.random.default_rng(0), 7)
+    frames, level, truth = found.draw(np.random.default_rng(0), 7)
     assert frames.shape == level.shape == truth.shape == (7, 32, 32)
     assert frames.dtype == np.float32
 
 
+def test_states_are_those_of_the_network_that_is_given(watch):
+    network = assisted.video().net._runner.network
+    usual = watch()(network)
+    torch.nn.init.zeros_(network.tail.weight)
+    idle = watch()(network)
+    assert np.array_equal(idle.truth, usual.truth)
+    assert not np.array_equal(idle.frames, usual.frames)
+
+
+def test_truth_is_in_the_units_that_the_network_sees(watch, monkeypatch):
+    network = assisted.video().net._runner.network
+    half = pnp_sci.simulate
+    usual = watch()(network)
+    monkeypatch.setattr(states.pnp_sci, "simulate", lambda truth, *args, **kwargs: half(truth * 0.5, *args, **kwargs))
+    darker = watch()(network)
+    assert np.median(darker.truth / np.maximum(usual.truth, 0.1)) == pytest.approx(2, rel=0.1), (
+        "its unit is half as large"
+    )
+
+
 def test_solves_need_weights_and_are_on_the_card(folder, tmp_path):
     start = tmp_path / "start.safetensors"
-    common = ["ffdnet", "--data", str(folder), "--steps", "1", "--crop", "32", "--batch", "2", "--out", str(tmp_path)]
-    refused = CliRunner().invoke(cli.main, [*common, "--solves", "1"])
-    assert isinstance(refused.exception, InputError)
-    assert "solves: weights to --start from" in str(refused.exception)
+    common = ["ffdnet", "--data", str(folder), "--steps", "2", "--crop", "32", "--batch", "2", "--out", str(tmp_path)]
+    common += ["--validations", "2"]
+    for more, message in (
+        (["--solves", "1"], "solves: weights to --start from"),
+        (["--solves", "1", "--start", str(start), "--crop", "31"], "crop is 31: 32 pixels at least"),
+    ):
+        refused = CliRunner().invoke(cli.main, [*common, *more])
+        assert isinstance(refused.exception, InputError)
+        assert message in str(refused.exception)
     for more in (["--weights", str(start)], ["--start", str(start), "--solves", "1"]):
         result = CliRunner().invoke(cli.main, [*common, *more], catch_exceptions=False)
         assert result.exit_code == 0, result.output
     card = (tmp_path / "ffdnet.md").read_text()
     assert "--start start.safetensors --solves 1" in card
-    assert "what the network has seen within the solver" in card
+    frames = int(card.split("meanwhile, from ")[1].split()[0])
+    assert states.FRAMES < frames <= 2 * states.CALLS * states.FRAMES, "two collections; the third is for later steps"
     assert "within the solver" not in start.with_suffix(".md").read_text()
+
+
+@pytest.mark.parametrize(("off", "sign"), [(0, -1), (1, 1)])
+def test_half_of_the_loss_is_from_the_solver(folder, watch, tmp_path, off, sign):
+    """Flat frames are easy where they are the truth, and never right where the truth is ten sigma away."""
+    material = clips.split(clips.load_clips([folder]))
+    place, start = loop.Place.here(), assisted.video().net.weights
+    common = ("video", *material, task.Sample(8, 1, 32), 0, tmp_path / "weights.safetensors", "by a test", start)
+    alone, both = task.Denoising(*common), task.Denoising(*common, watch())
+    flat = np.full((9, 32, 32), 0.5, np.float16)
+    both.collections = [states.States(flat, 0.1 * np.ones_like(flat), flat + np.float16(off))]
+    with torch.no_grad():
+        of_noise, mean = (float(t.loss(t.network, place, 0)) for t in (alone, both))
+    assert sign * (2 * mean - of_noise) > 2
 
 
 def test_noise_has_unit_variance():

@@ -14,6 +14,7 @@ from pnp_sci.training.clips import load_clips, split
 from pnp_sci.training.loop import OPTIMIZERS, Budget, Place, launch, train
 
 from .. import assisted
+from ..motion import SMALLEST
 from .states import Watch
 from .task import Denoising, Sample
 
@@ -27,7 +28,7 @@ PATH = click.Path(path_type=Path)
 @click.argument("name", type=click.Choice(sorted(SAMPLES)))
 @click.option("--data", type=FOLDER, multiple=True, required=True, help="Folder of videos or photographs; repeatable.")
 @click.option("--start", type=PATH, help="Weights to start from.  [default: random; for the video net the image net's]")
-@click.option("--solves", type=click.IntRange(min=1), help="Train on what is seen in so many solved measurements.")
+@click.option("--solves", type=click.IntRange(min=1), help="Train on what is seen in so many measurements, too.")
 @click.option("--out", type=PATH, help="Folder for checkpoint and curves.  [default: runs/NAME]")
 @click.option(
     "--weights", type=PATH, help="Weights to write, the model card beside them.  [default: OUT/NAME.safetensors]"
@@ -54,8 +55,8 @@ def main(
 
     The video net starts from the image net of this package, which cleans the frames that it sees: to train both, train
     that first, with --weights priors/weights/ffdnet.safetensors. --start goes on from other weights of NAME. With
-    --solves, so many measurements of the training clips are solved with these, and with those that each validation
-    finds, and half of the samples are what the network has seen within the solver; this time does not count either.
+    --solves, each process solves so many measurements of the training clips with these, and again with what each
+    validation finds, and half of the samples are what the network has seen within the solver. This time does not count.
     Checkpoint, curves (CSV), weights and model card are renewed on the way. Works under torchrun.
     """
     out = out or Path("runs") / name
@@ -70,6 +71,8 @@ def main(
     begun += f" --solves {solves}" if solves else ""
     if solves and not start:
         raise InputError("solves: weights to --start from were expected")
+    if solves and (crop or SAMPLES[name].crop) < SMALLEST:
+        raise InputError(f"crop is {crop}: {SMALLEST} pixels at least were expected, with --solves")
     command = f"python -m priors.train {name} {folders} {spent} {learning}{size}{begun}"
 
     def run() -> None:

@@ -49,7 +49,8 @@ trained on ({held_out}); white Gaussian noise of seed 0:
 These figures do not say how well the prior serves inside a solver, whose estimates hold other errors than white noise.
 """
 
-STATES = """Half of the samples are what the network has seen within the solver meanwhile: {} frames of its estimates.
+STATES = """In each step as many frames again are what the network has seen within the solver meanwhile, from {} such
+frames of measurements of training clips; where `ofanet-fast` has weights the solver began with that.
 """
 
 
@@ -66,7 +67,7 @@ def write_card(task: Denoising, progress: Progress, place: Place, digest: str) -
         share=FRAME if sample.frames == 1 else CLIP,
         seen=task.prepare.__doc__,
         origin=task.origin,
-        states=STATES.format(len(task.states.frames)) if task.states else "",
+        states=STATES.format(task.learned * place.world) if task.watch else "",
         digest=digest,
         command=task.command,
         data=f"{len(moving)} clips ({sum(moving)} frames) and {len(task.training) - len(moving)} photographs",

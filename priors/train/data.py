@@ -24,7 +24,7 @@ class Sampler:
         still = [clip.frames for clip in clips if len(clip.frames) == 1]
         self.pools = [pool for pool in ([moving, still] if frames == 1 else [moving]) if pool]
         if not self.pools:
-            raise FormatError("data: a net for video needs clips of more than one frame")
+            raise FormatError("data: clips of more than one frame were expected")
 
     def __call__(self, rank: int, step: int) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         """Return clean and noisy crops (batch, frames, crop, crop) in [0, 1] and their noise levels (batch,)."""

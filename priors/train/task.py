@@ -18,10 +18,10 @@ from ..ffdnet import FFDNet
 from ..video import averaged, see
 from .card import write_card
 from .data import Sampler
-from .states import Watch
+from .states import States, Watch
 from .validation import LEVELS, denoised, psnr
 
-LEAST = 1e-6  # added to squares: errors below are as good as none
+LEAST = 1e-6  # added to squares: errors below 0.001 are as good as none
 
 
 @dataclass(frozen=True)
@@ -85,17 +85,23 @@ class Denoising:
         self.prepare = SEEN[name]()
         self.network = _weights.load(start, name)[0].train() if start else self.prepare.start()
         self.origin = "earlier weights" if start else self.prepare.origin
-        self.states = watch(self.network) if watch else None
+        self.collections: list[States] = []
+        self.learned = 0  # frames of them that the network has been trained on
         self.compiled = [self.network]
         self.sampler = Sampler(training, frames=sample.frames, crop=sample.crop, batch=sample.batch, seed=seed)
 
     def loss(self, model: torch.nn.Module, place: Place, step: int) -> torch.Tensor:
-        """Logarithm of a frame's squared error, in units of its noise; half of the samples are from a solver."""
+        """Logarithm of a frame's squared error, in units of its noise; with a watch as many frames of a solver's too.
+
+        The first are gathered here, so that a run that is resumed begins with what its own weights lead to.
+        """
         clean, noisy, sigma = self.sampler(place.rank, step)
         samples = [(*self.prepare(noisy, sigma), clean)]
-        if self.states:
+        if self.watch:
+            self.collections = self.collections or [self.watch(self.network)]
             random = np.random.default_rng([self.sampler.seed, place.rank, step, 1])
-            frames, level, truth = self.states.draw(random, clean.shape[0] * clean.shape[1])
+            collection = self.collections[random.integers(len(self.collections))]
+            frames, level, truth = collection.draw(random, clean.shape[0] * clean.shape[1])
             samples.append((frames[None], level[None], truth[None]))
         losses = []
         for frames, level, truth in samples:
@@ -110,8 +116,9 @@ class Denoising:
 
         What this network sees within the solver joins the samples.
         """
-        if self.watch and self.states:
-            self.states += self.watch(network)
+        if self.watch:
+            self.learned = sum(len(collection.frames) for collection in self.collections)
+            self.collections.append(self.watch(network))
         clips = self.validation[place.rank :: place.world]
         return torch.cat([psnr(network, self.prepare, clips, place.device), torch.tensor([float(len(clips))])])
 
