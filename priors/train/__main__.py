@@ -68,7 +68,7 @@ def main(
     size = "".join(f" --{key} {value}" for key, value in asked.items())
     learning = f"--seed {seed} --rate {rate:g} --optimizer {optimizer}"
     begun = f" --start {start.name}" if start else ""
-    begun += f" --solves {solves}" if solves else ""
+    begun += f" --solves {solves} --validations {validations}" if solves else ""
     if solves and not start:
         raise InputError("solves: weights to --start from were expected")
     if solves and (crop or SAMPLES[name].crop) < SMALLEST:
