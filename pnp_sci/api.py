@@ -91,9 +91,9 @@ def solve(
     effort : "fast", "balanced" or "best"
         At most 50, 100 or 200 iterations; where fewer than 4 frames of all views are modelled, 15 % less for each that
         is missing, but 50 at least. With a thorough prior, which `flow`, `bm3d` and all learned ones are, as many as it
-        leaves to TV (`flow` 60, others 30), 30 at least, and then 20, 30 or 30; from 20 frames of all views on 1.5 more
-        for each with "balanced", from 12 on 2.5 with "best", up to 50; with noise down to 20. `iterations` overrules
-        that. And what the prior "auto" stands for: "tv" or, for the latter two, "video"; where PyTorch is missing,
+        leaves to TV (`flow` and `video` 60, others 30), 30 at least, and then 20, 30 or 30; from 20 frames of all views
+        on 1.5 more for each with "balanced", from 12 on 2.5 with "best", up to 50; with noise down to 20. `iterations`
+        overrules that. And what the prior "auto" stands for: "tv" or, for the latter two, "video"; where PyTorch is missing,
         "flow". With a `time_budget`, "auto" is the prior that has most to show by then, with the iterations of "best",
         whatever the effort; see :func:`pnp_sci.recommend`.
     scene : "auto", "full" or SceneModel

@@ -295,7 +295,7 @@ def test_no_estimate_has_converged_before_a_thorough_prior_begins(scene):
 def test_priors_that_are_thorough(name):
     prior = pnp_sci.make_prior(name)
     assert getattr(prior, "learned", False) or prior.thorough
-    assert prior.first == (60 if "flow" in name else 30)
+    assert prior.first == (60 if "flow" in name or name == "video" else 30)
 
 
 def alternating(restless):
