@@ -41,8 +41,9 @@ BEYOND = 2.0
 class Assisted:
     """A network with a little total variation before it; TV alone at first, and while a large sigma is still falling.
 
-    A sigma above 0.12 counts as falling in the first call, and then if it is smaller than in the call before. After 30
-    calls TV finds the range of each view; from then on what is further than 2 sigma beyond it is clipped.
+    A sigma above 0.12 counts as falling in the first call, and then if it is smaller than in the call before. Where the
+    network begins, but not in the first 30 calls, TV finds the range of each view; from then on what is further than 2
+    sigma beyond it is clipped.
 
     Parameters
     ----------
