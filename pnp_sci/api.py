@@ -94,8 +94,8 @@ def solve(
         leaves to TV (`flow` and `video` 60, others 30), 30 at least, and then 20, 30 or 30; from 20 frames of all views
         on 1.5 more for each with "balanced", from 12 on 2.5 with "best", up to 50; with noise down to 20. `iterations`
         overrules that. And what the prior "auto" stands for: "tv" or, for the latter two, "video"; where PyTorch is
-        missing, "flow". With a `time_budget`, "auto" is the prior that has most to show by then, with the iterations of "best",
-        whatever the effort; see :func:`pnp_sci.recommend`.
+        missing, "flow". With a `time_budget`, "auto" is the prior that has most to show by then, with the iterations of
+        "best", whatever the effort; see :func:`pnp_sci.recommend`.
     scene : "auto", "full" or SceneModel
         What to model. "auto" drops views that are dark and models a scene in which nothing moves by one frame per view;
         `Result.scene` says what was modelled and why, how many pixels of y are saturated, and how many every mask
