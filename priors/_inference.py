@@ -25,8 +25,8 @@ class Runner:
         self.network = network.to(self.device)
         self.half = half_precision(self.device)
 
-    def noise(self, frames: np.ndarray, level: np.ndarray) -> np.ndarray:
-        """Estimate the noise in frames (N, H, W) of this `level` (N, H, W), all float32."""
+    def noise(self, frames: np.ndarray, level: np.ndarray, turn: int = 0) -> np.ndarray:
+        """Estimate the noise in frames (N, H, W) of this `level` (N, H, W), all float32; `turn` as for `turned`."""
         out = np.empty_like(frames)
         step = max(1, (CACHED if self.device.type == "cpu" else PIXELS) // frames[0].size)
         half = torch.autocast(self.device.type, torch.bfloat16, enabled=self.half)
@@ -34,5 +34,15 @@ class Runner:
             for start in range(0, len(frames), step):
                 part = slice(start, start + step)
                 x, sigma = (torch.from_numpy(a[part]).to(self.device) for a in (frames, level))
-                out[part] = self.network(x, sigma).cpu().numpy()
+                noise = self.network(turned(x, turn), turned(sigma, turn))
+                out[part] = turned(noise, turn, back=True).cpu().numpy()
         return out
+
+
+def turned(frames: torch.Tensor, turn: int, back: bool = False) -> torch.Tensor:
+    """Frames (N, H, W) after `turn` quarter turns, mirrored before them from the fifth on; or `back` from there."""
+    quarters, mirrored = turn % 4, turn % 8 >= 4
+    if back:
+        frames = frames.rot90(-quarters, (1, 2))
+        return frames.flip(2) if mirrored else frames
+    return (frames.flip(2) if mirrored else frames).rot90(quarters, (1, 2))

@@ -62,7 +62,7 @@ class Learned:
         """Hash of the values of the weights, 64 hexadecimal digits."""
         return self._runner.sha256
 
-    def __call__(self, x: np.ndarray, sigma: float) -> np.ndarray:
+    def __call__(self, x: np.ndarray, sigma: float, turn: int = 0) -> np.ndarray:
         """Denoise.
 
         Parameters
@@ -71,6 +71,8 @@ class Learned:
             Views, frames, rows, columns; values about [0, 1], float32 or float64. Any sizes of at least 1.
         sigma : float
             Standard deviation of the noise in the same units, >= 0. No pixel moves by more than six times that.
+        turn : int
+            How the network sees the frames: after so many quarter turns, from 4 to 7 mirrored; and so on, modulo 8.
 
         Returns
         -------
@@ -87,9 +89,9 @@ class Learned:
         x = checked(x, sigma)
         if sigma == 0:
             return x.copy()
-        return x - self._noise(np.ascontiguousarray(x, np.float32), float(sigma))
+        return x - self._noise(np.ascontiguousarray(x, np.float32), float(sigma), turn)
 
-    def _noise(self, x: np.ndarray, sigma: float) -> np.ndarray:
+    def _noise(self, x: np.ndarray, sigma: float, turn: int) -> np.ndarray:
         """Estimate the noise in x (V, B, H, W), float32."""
         frames = x.reshape(-1, *x.shape[2:])
-        return self._runner.noise(frames, np.full_like(frames, sigma)).reshape(x.shape)
+        return self._runner.noise(frames, np.full_like(frames, sigma), turn).reshape(x.shape)

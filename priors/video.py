@@ -89,18 +89,18 @@ class VideoDenoiser(Learned):
         super().load()
         self.image.load()
 
-    def _noise(self, x: np.ndarray, sigma: float) -> np.ndarray:
+    def _noise(self, x: np.ndarray, sigma: float, turn: int) -> np.ndarray:
         if self._fits != x.shape:
             self.reset()
             self._fits = x.shape
         if min(x.shape[2:]) < SMALLEST or x.shape[1] < 2 or sigma < FAINT:
-            return self.image._noise(x, sigma)
+            return self.image._noise(x, sigma, turn)
         if self._calls % self.renew == 0 or not self._motion:
             self._motion = see(self.image(x, sigma), sigma)
         self._calls += 1
         mean, level = averaged(x, sigma, self._motion)
         frames = mean.reshape(-1, *x.shape[2:]), level.reshape(-1, *x.shape[2:])
-        noise = x - mean + self._runner.noise(*frames).reshape(x.shape)
+        noise = x - mean + self._runner.noise(*frames, turn).reshape(x.shape)
         return np.clip(noise, -LIMIT * sigma, LIMIT * sigma)
 
     def finish(self, x: np.ndarray, sigma: float) -> np.ndarray:

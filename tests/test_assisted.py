@@ -10,7 +10,7 @@ from pnp_sci import datasets
 from pnp_sci.arguments import make_prior
 from pnp_sci.errors import DataUnavailableError, InputError, InputTypeError
 from pnp_sci.schedule import ENOUGH, MORE, Schedule
-from priors.assisted import FIRST, MOST, NOISY, Assisted
+from priors.assisted import DEMAND, FIRST, MOST, NOISY, Assisted
 from priors.tv import TV
 
 
@@ -25,7 +25,7 @@ class Net:
     def load(self):
         self.loaded += 1
 
-    def __call__(self, x, sigma):
+    def __call__(self, x, sigma, turn):
         self.sigmas.append(sigma)
         return x.copy()
 
@@ -100,22 +100,33 @@ def test_a_later_stage_begins_with_the_network():
     assert make_prior([("tv", 2), ("video", 3)], first=1).stages[1][0].first == 1
 
 
-@pytest.mark.parametrize("name", ["ffdnet", "video"])
-def test_wild_noise_is_cut_to_the_range_that_tv_found_in_a_view(name):
-    pytest.importorskip("torch")
-    x = datasets.embedded_scene(64).truth
-    wild = x.copy()
-    wild[0, 4, 20:40, 20:40] += 10 * np.random.default_rng(0).standard_normal((20, 20), np.float32)
-    denoise, steady = make_prior(name), make_prior(name)
-    for d in (denoise, steady):
-        for _ in range(d.first + 1):
-            d(x, 0.02)
-    out, calm = denoise(wild, 0.02), steady(x, 0.02)
-    assert np.abs(out[0]).max() < 1.2
-    np.testing.assert_allclose(out[1], calm[1], atol=1e-6)
+def test_what_a_view_brings_anew_is_bounded_in_that_view_only():
+    rng = np.random.default_rng(0)
+    x, wild = np.zeros((2, 3, 16, 16), np.float32), rng.standard_normal((2, 3, 16, 16)).astype(np.float32)
+    wild[1] *= 0.01
+    denoise = Assisted(Net(), TV(), lambda x, sigma: x, stronger=1.5, first=FIRST)
+    for _ in range(FIRST + 1):
+        denoise(x, 0.05)
+    bounded, free = denoise(wild, 0.05)  # Net returns what it sees
+    assert np.sqrt(np.mean(bounded**2)) == pytest.approx(DEMAND * 0.05, rel=1e-4)
+    np.testing.assert_allclose(bounded, wild[0] * (bounded[0, 0, 0] / wild[0, 0, 0, 0]), rtol=1e-4)
+    np.testing.assert_allclose(free, wild[1], atol=1e-7)
+    further = denoise(2 * wild, 0.05)[0]
+    assert np.sqrt(np.mean((further - bounded) ** 2)) == pytest.approx(DEMAND * 0.05, rel=1e-4)
     np.testing.assert_array_equal(denoise(wild, 0.0), wild)
-    denoise.reset()  # a new video has a new range
-    assert np.abs(denoise(wild, 0.02)[0]).max() > 5
+    denoise.reset()  # a new video
+    for _ in range(FIRST):
+        denoise(x, 0.05)
+    np.testing.assert_array_equal(denoise(wild, 0.05), wild)
+
+
+def test_a_result_may_be_overwritten():
+    denoise = assisted(0)
+    x = np.full((1, 2, 8, 8), 0.5, np.float32)
+    for _ in range(FIRST + 2):
+        out = denoise(x, 0.05)
+        out *= 100
+    np.testing.assert_allclose(denoise(x, 0.05), x)
 
 
 def test_a_network_from_the_start_keeps_blacks_and_whites():

@@ -147,6 +147,22 @@ def test_network_believes_the_level_of_each_pixel():
     assert noise[:, :, 12:].max() > 0.006
 
 
+def test_frames_are_turned_and_mirrored_for_the_network_and_turned_back(weights):
+    """Eight ways of seeing them, and each is that of frames which came so."""
+    x = noise((1, 2, 16, 24))
+    denoise = FFDNet(weights / "ffdnet")
+    seen = []
+    for turn in range(8):
+        frames = torch.from_numpy(x[0])
+        assert torch.equal(_inference.turned(_inference.turned(frames, turn), turn, back=True), frames)
+        turned = np.rot90(x[..., ::-1] if turn >= 4 else x, turn % 4, (2, 3))
+        back = np.rot90(denoise(turned, 0.1), -(turn % 4), (2, 3))
+        seen.append(denoise(x, 0.1, turn))
+        np.testing.assert_allclose(seen[-1], back[..., ::-1] if turn >= 4 else back, atol=1e-6)
+    np.testing.assert_array_equal(denoise(x, 0.1, 9), seen[1])
+    assert len({out.tobytes() for out in seen}) == 8
+
+
 def test_long_clips_go_in_pieces(prior, monkeypatch):
     x = noise((2, 30, 16, 16))
     whole = prior(x, 0.1)
