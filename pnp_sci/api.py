@@ -24,13 +24,14 @@ from .budget import LEARNED, prior_within
 from .checks import instance, number, one_of, shaped, whole
 from .compose import FIRST, Stages, first_of, weights_of
 from .errors import InputError
+from .judge import ITERATIONS as JUDGED
+from .judge import judge
 from .loop import Limits, iterate, run
 from .masks import views_are_separable
 from .operator import SensingOperator
 from .problem import Problem, check_measurement, check_noise, check_operator, pose
 from .result import History, Record, Result, Status
-from .scene import ITERATIONS as JUDGED
-from .scene import SceneModel, full, judge
+from .scene import SceneModel, full
 from .schedule import Schedule, contrast, schedule_for
 from .sensor import Sensor, warn_if_saturated
 from .solvers import ALGORITHMS, State

@@ -34,8 +34,8 @@ FIRST_OF_VIDEO = 60
 # 0.25 is as good on clips of the validation, none loses over a decibel.
 BESIDE = 0.4
 # Root mean square, in sigmas, of what a view may bring anew, after FIRST calls. What a network does not believe the
-# solver demands ever more loudly, until it is drawn all the same, where the scene is simple: there a pair of 34 dB loses
-# 1.3 dB in 20 iterations. Scenes in which much is left to mend stay below 2.6.
+# solver demands ever more loudly, until it is drawn all the same, where the scene is simple: there a pair of clips of
+# 34 dB loses 1.3 dB in 20 iterations. Scenes in which much is left to mend stay below 2.6.
 DEMAND = 2.8
 
 

@@ -6,7 +6,7 @@ import pytest
 import pnp_sci
 from pnp_sci import SceneModel, SensingOperator, datasets, solve
 from pnp_sci.errors import InputError, InputTypeError
-from pnp_sci.scene import TILE, _contested_tile, view_levels
+from pnp_sci.judge import TILE, _contested_tile, view_levels
 
 
 @pytest.fixture(scope="module")
@@ -59,13 +59,13 @@ def test_flow_contradicts_where_tv_makes_too_little_of_a_moving_scene(monkeypatc
     assert not solve(y, masks, "flow", iterations=1).scene["still"]
     moving, frozen = (solve(y, masks, "flow", scene=model) for model in ("auto", SceneModel((True, True), True)))
     assert psnr(moving, truth) > psnr(frozen, truth)
-    monkeypatch.setattr("pnp_sci.scene.CAREFULLY", np.inf)
+    monkeypatch.setattr("pnp_sci.judge.CAREFULLY", np.inf)
     assert solve(y, masks, "flow", iterations=1).scene["still"]
 
 
 def test_flow_may_find_a_still_scene_that_tv_leaves_open(monkeypatch, scene, still):
     y = pnp_sci.simulate(still, scene.masks)
-    monkeypatch.setattr("pnp_sci.scene.CLEARLY", 0.0)
+    monkeypatch.setattr("pnp_sci.judge.CLEARLY", 0.0)
     assert not solve(y, scene.masks, "tv", iterations=1).scene["still"]
     assert solve(y, scene.masks, "flow", iterations=1).scene["still"]
 
@@ -96,6 +96,17 @@ def test_a_view_that_stands_still_beside_a_moving_one(scene, still):
     assert (told.x[1] == told.x[1, :1]).all()
     assert np.ptp(told.x[0], axis=0).max() > 0.1
     assert pnp_sci.psnr(told.x, truth)[1] > pnp_sci.psnr(full.x, truth)[1] + 0.5
+
+
+def test_a_still_view_beside_a_moving_one_is_found_by_thorough_priors(scene, still):
+    for frozen in (0, 1):
+        truth = np.stack([still[v] if v == frozen else scene.truth[v] for v in (0, 1)])
+        y = pnp_sci.simulate(truth, scene.masks)
+        found, full = (solve(y, scene.masks, "flow", scene=m) for m in ("auto", "full"))
+        assert found.scene["still"] == (frozen == 0, frozen == 1)
+        assert f"view {frozen + 1} stands still" in found.scene["reason"]
+        assert psnr(found, truth) > psnr(full, truth) + 0.5
+        assert solve(y, scene.masks, "tv", iterations=1).scene["still"] in (True, False)
 
 
 def test_one_answer_or_one_for_each_view():
@@ -166,7 +177,7 @@ def test_a_view_that_is_not_dropped_stays_in_the_still_model(monkeypatch, scene)
     """A dim second view passes for dark by its level; if y says otherwise it must not vanish by the back door."""
     truth = scene.truth * np.array([1, 0.01], np.float32)[:, None, None, None]
     y = pnp_sci.simulate(truth, scene.masks)
-    monkeypatch.setattr("pnp_sci.scene._predicts_better", lambda *arguments: arguments[2].nothing_moves)
+    monkeypatch.setattr("pnp_sci.judge._predicts_better", lambda *arguments: arguments[1].nothing_moves)
     assert solve(y, scene.masks, iterations=1).scene["views"] == (True, True)
 
 
