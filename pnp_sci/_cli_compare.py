@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING
 
 import click
 
-from ._cli_inputs import FILE, OUTPUT, camera, camera_options, interactive, one_of, true_video
+from ._cli_inputs import FILE, OUTPUT, camera, camera_options, interactive, masks_for, one_of, true_video
 
 if TYPE_CHECKING:
     from .bench import Trial
@@ -65,11 +65,11 @@ def compare(
     from . import bench, io
 
     y = io.read_measurement(measurement, key)
-    masks = io.read_masks(masks_file or measurement, views, masks_key)
+    masks = masks_for(measurement, masks_file, views, masks_key)
     truth = None if truth_file is None else true_video(truth_file, masks.shape, y.ndim == 3)
     if y.ndim == 3 or index is not None:
         index = index or 0
-        y, truth = one_of(y, index), truth if truth is None else truth[index]
+        y, truth = one_of(y, truth, index)
     result = bench.compare(
         y,
         masks,

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import sys
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import click
 
@@ -18,7 +18,19 @@ if TYPE_CHECKING:
     from .sensor import Sensor
 
 FILE = click.Path(exists=True, path_type=Path)
-OUTPUT = click.Path(path_type=Path)
+
+
+class _Output(click.Path):
+    """A path that something can be written to: its folder is there before any work is done."""
+
+    def convert(self, value: Any, param: click.Parameter | None, ctx: click.Context | None) -> Any:
+        path = Path(super().convert(value, param, ctx))  # type: ignore[arg-type]
+        if not path.parent.is_dir():
+            self.fail(f"{path}: there is no folder {path.parent}", param, ctx)
+        return path
+
+
+OUTPUT = _Output(path_type=Path)
 POSITIVE = click.FloatRange(min=0, min_open=True)
 
 
@@ -56,20 +68,36 @@ def camera(noise: str, gain: float | None, full_scale: float | None, bits: int |
         raise click.BadParameter(str(error), param_hint="--noise, --gain, --full-scale, --bits") from error
 
 
+def masks_for(measurement: Path, masks_file: Path | None, views: int | None, key: str | None) -> np.ndarray:
+    """The masks (V, B, H, W) of a measurement: those of `masks_file`, by default of its own file."""
+    from . import io
+
+    if masks_file is None and len(io.describe(measurement)) == 1:
+        raise click.UsageError(f"{measurement} holds a single array, no masks beside it: --masks FILE was expected")
+    return io.read_masks(masks_file or measurement, views, key)
+
+
 def true_video(file: Path, shape: tuple[int, ...], several: bool) -> np.ndarray:
     """The video of masks of this shape, (V, B, H, W), or those of several measurements, (N, V, B, H, W)."""
     from . import io
 
     views, frames, rows, columns = shape
     video = io.read_video(file, views)
-    if video.shape[1] % frames or video.shape[2:] != (rows, columns) or (not several and video.shape[1] != frames):
+    if several and video.ndim == 5 and video.shape[1:] == shape:
+        return video
+    fits = video.ndim == 4 and video.shape[2:] == (rows, columns) and video.shape[1] % frames == 0
+    if not fits or (not several and video.shape[1] != frames):
         raise InputError(f"reference has shape {video.shape}, but masks {shape}: the same was expected")
     return video.reshape(views, -1, frames, rows, columns).swapaxes(0, 1) if several else video
 
 
-def one_of(y: np.ndarray, index: int) -> np.ndarray:
-    """The measurement that ``--index`` stands for."""
+def one_of(y: np.ndarray, truth: np.ndarray | None, index: int) -> tuple[np.ndarray, np.ndarray | None]:
+    """The measurement that ``--index`` stands for, and its truth: of those of all measurements, or the only one."""
     if y.ndim == 2 or index >= len(y):
         count = 1 if y.ndim == 2 else len(y)
         raise click.BadParameter(f"{index} came, but the file has {count} measurements", param_hint="--index")
-    return y[index]
+    if truth is None or len(truth) == 1:
+        return y[index], truth if truth is None else truth[0]
+    if len(truth) != len(y):
+        raise InputError(f"reference has {len(truth)} videos: one, or {len(y)} as there are measurements, was expected")
+    return y[index], truth[index]

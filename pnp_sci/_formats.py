@@ -174,6 +174,8 @@ def _load_tiff(path: Path) -> Arrays:
         if file.is_imagej:
             return {ONLY: _from_imagej(file)}
         arrays = [series.asarray() for series in file.series]
+    if len(arrays) > 1 and arrays[0].ndim == 2 and len({(a.shape, a.dtype) for a in arrays}) == 1:
+        return {ONLY: np.stack(arrays)}  # written page by page
     return {ONLY: arrays[0]} if len(arrays) == 1 else {f"series{i}": a for i, a in enumerate(arrays)}
 
 
@@ -191,11 +193,16 @@ def _check_pages(path: Path, file: Any) -> None:
 
 
 def _from_imagej(file: object) -> np.ndarray:
-    """ImageJ's (T, Z, C, Y, X) as (views, frames, rows, columns), with as many dimensions as were written."""
+    """ImageJ's (T, Z, C, Y, X) as (views, frames, rows, columns), with as many dimensions as were written.
+
+    Channels alone are planes: tifffile writes any stack so that is not told its axes.
+    """
     stack = file.series[0].asarray(squeeze=False)[..., 0]  # type: ignore[attr-defined]
     times, slices, channels, rows, columns = stack.shape
     stack = np.moveaxis(stack, 2, 0).reshape(channels, times * slices, rows, columns)
     written = (file.imagej_metadata or {}).get("ndim")  # type: ignore[attr-defined]
+    if written is None and channels > 1 and times * slices == 1:
+        return stack[:, 0]
     ndim = int(written or (4 if channels > 1 else 3 if times * slices > 1 else 2))
     return stack.reshape(stack.shape[4 - ndim :])
 

@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 
 from . import registry
-from .checks import real_array, require_finite, shaped, whole
+from .checks import real_array, require_finite, shaped, white, whole
 from .compose import Joint, Stages, TorchDenoiser, is_torch_module
 from .errors import FormatError, InputError, InputTypeError
 from .metrics import psnr, ssim
@@ -39,6 +39,8 @@ def _make(prior: Any, options: dict[str, Any], used: set[str]) -> Denoiser:
             return _identity
         if "+" in prior:
             return Joint([_make(name.strip(), options, used) for name in prior.split("+")])
+        if prior == "auto":
+            raise InputError("prior 'auto' stands alone: in a combination, the names of priors were expected")
         factory = registry.load("priors", prior)
         taken = {k: v for k, v in options.items() if k in inspect.signature(factory).parameters}
         used.update(taken)
@@ -99,9 +101,9 @@ class Reference:
 
     def __init__(self, reference: Any, shape: tuple[int, ...]):
         array = real_array("reference", reference)
-        if array.size != np.prod(shape):
+        if _longer_than_one(array.shape) != _longer_than_one(shape):
             raise InputError(f"reference has shape {array.shape}: {shape[1:] if shape[0] == 1 else shape} was expected")
-        self.white = float(np.iinfo(array.dtype).max) if array.dtype.kind in "iu" else 1.0
+        self.white = white("reference", array.dtype)
         self.array = array.reshape(shape)
         self.seconds = 0.0  # that the metrics have taken
 
@@ -119,6 +121,10 @@ class Reference:
             mean = float(np.mean(metric(x * (unit / self.white), self.array[n] / self.white)))
         self.seconds += time.perf_counter() - begin
         return mean
+
+
+def _longer_than_one(shape: tuple[int, ...]) -> list[int]:
+    return [length for length in shape if length > 1]
 
 
 def describe(prior: Any, denoiser: Denoiser) -> Any:

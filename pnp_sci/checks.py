@@ -32,6 +32,15 @@ def shaped(name: str, value: Any, shape: tuple[int, ...], dtype: np.dtype) -> np
         return np.ascontiguousarray(array, dtype)
 
 
+def white(name: str, dtype: np.dtype) -> float:
+    """The value of white in pictures of this dtype: 1 of floats and bool, the largest of uint8 and uint16."""
+    if dtype.kind in "fb":
+        return 1.0
+    if dtype not in (np.uint8, np.uint16):  # 255 in int64 would be black
+        raise InputTypeError(f"{name} has dtype {dtype}: floats in [0, 1], uint8 or uint16 were expected")
+    return float(np.iinfo(dtype).max)
+
+
 def require_finite(name: str, array: np.ndarray) -> None:
     """Raise an InputError that says how many values of `array` are NaN or infinite, and where the first is."""
     if array.dtype.kind == "f" and not np.isfinite(array).all():

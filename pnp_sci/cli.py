@@ -11,11 +11,15 @@ import click
 
 from ._cli_bench import bench
 from ._cli_compare import compare
-from ._cli_inputs import FILE, OUTPUT, camera, camera_options, interactive, one_of, true_video
+from ._cli_inputs import FILE, OUTPUT, camera, camera_options, interactive, masks_for, one_of, true_video
 from .errors import InputError, UnknownPluginError
 
 if TYPE_CHECKING:
     import numpy as np
+
+
+FOLDER = click.Path(path_type=Path)  # made where it is missing
+BRIGHTEST = 2.0  # of a video of floats: interpolation may leave [0, 1], grey levels up to 255 are another scale
 
 
 class _Commands(click.Group):
@@ -47,7 +51,12 @@ def main(debug: bool) -> None:
 
 
 @main.command()
-@click.option("--out", type=OUTPUT, default=Path(), help="Folder for demo.png and demo.mp4.  [default: this one]")
+@click.option(
+    "--out",
+    type=click.Path(path_type=Path),
+    default=Path(),
+    help="Folder for demo.png and demo.mp4.  [default: this one]",
+)
 @click.option("--size", default=256, show_default=True, help="Rows and columns of the scene.")
 def demo(out: Path, size: int) -> None:
     """Recover the two videos of the embedded scene with total variation, and score them."""
@@ -111,11 +120,11 @@ def solve(
     sensor = camera(noise, gain, full_scale, bits)
     from . import api, io
 
-    masks = io.read_masks(masks_file or measurement, views, masks_key)
+    masks = masks_for(measurement, masks_file, views, masks_key)
     y = io.read_measurement(measurement, key)
     truth = None if reference is None else true_video(reference, masks.shape, y.ndim == 3)
     if index is not None:
-        y, truth = one_of(y, index), truth if truth is None else truth[index]
+        y, truth = one_of(y, truth, index)
     result = api.solve(
         y, masks, stages, noise=sensor, reference=truth, progress=interactive(), **settings, **prior_options
     )
@@ -233,9 +242,10 @@ def _print_scores(x: np.ndarray, truth: np.ndarray | None) -> None:
     if truth is None:
         return
     from .bench.runner import scores
+    from .checks import white
 
-    white = _white(truth.dtype)
-    for view, (psnr, ssim) in enumerate(zip(*scores(x / white, truth / white)), 1):
+    largest = white("reference", truth.dtype)
+    for view, (psnr, ssim) in enumerate(zip(*scores(x / largest, truth / largest)), 1):
         click.echo(f"View {view}: PSNR {psnr:.2f} dB, SSIM {ssim:.3f}")
 
 
@@ -287,11 +297,10 @@ def _views(files: tuple[Path, ...], views: int | None, frames: int | None) -> np
 
 def _unit_range(video: np.ndarray) -> np.ndarray:
     """Grey levels as float32 in [0, 1]; floats stay."""
-    return video if video.dtype.kind == "f" else (video / _white(video.dtype)).astype("float32")
+    from .checks import white
 
-
-def _white(dtype: np.dtype) -> int:
-    """The value of white: the largest of a type of whole numbers, else 1."""
-    import numpy as np
-
-    return np.iinfo(dtype).max if dtype.kind in "iu" else 1
+    if video.dtype.kind != "f":
+        return (video / white("video", video.dtype)).astype("float32")
+    if video.size and video.max() > BRIGHTEST:
+        raise InputError(f"video has values up to {video.max():g}: floats in [0, 1] were expected, 1 being white")
+    return video

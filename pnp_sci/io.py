@@ -93,7 +93,7 @@ def read_masks(path: str | Path, views: int | None = None, key: str | None = Non
 
 
 def read_video(path: str | Path, views: int | None = None, key: str | None = None) -> np.ndarray:
-    """A video (V, B, H, W) from a file; see :func:`read`.
+    """A video (V, B, H, W) from a file, or those of several measurements (N, V, B, H, W); see :func:`read`.
 
     Parameters
     ----------
@@ -108,7 +108,10 @@ def read_video(path: str | Path, views: int | None = None, key: str | None = Non
     FormatError
         If the planes cannot be shared among the views; and as :func:`read`.
     """
-    return _in_views(Path(path), *_find(Path(path), "video", key), views)
+    name, array = _find(Path(path), "video", key)
+    if array.ndim == 5 and views in (None, array.shape[1]):
+        return array
+    return _in_views(Path(path), name, array, views)
 
 
 def describe(path: str | Path) -> list[Entry]:

@@ -6,9 +6,10 @@ from functools import cache
 from importlib.metadata import EntryPoint, entry_points
 from typing import Any
 
-from .errors import UnknownPluginError
+from .errors import InputError, InputTypeError, UnknownPluginError
 
 _LEARNED = {"torch", "safetensors"}  # what the extra of this name installs
+BUILT_IN = {"priors": ("auto", "none"), "inits": ("auto", "adjoint")}  # known without a plugin
 _registered: dict[str, dict[str, Any]] = {"priors": {}, "inits": {}, "decoders": {}}
 
 
@@ -32,7 +33,7 @@ def load(kind: str, name: str) -> Any:
     """
     plugins = available(kind)
     if not isinstance(name, str) or name not in plugins:
-        names = ", ".join(plugins) or "none installed"
+        names = ", ".join([*BUILT_IN.get(kind, ()), *plugins]) or "none installed"
         raise UnknownPluginError(f"{kind[:-1]} is {name!r}: one of these was expected: {names}")
     plugin = plugins[name]
     if not isinstance(plugin, EntryPoint):
@@ -58,8 +59,14 @@ def register_prior(name: str, prior: Any) -> None:
     Parameters
     ----------
     name : str
+        Without "+", ":" and ",", which combine priors; not "auto" or "none", which are taken.
     prior : callable
         A class or function that takes the options of ``solve(..., **prior_options)`` and returns a denoiser.
+
+    Raises
+    ------
+    InputError, InputTypeError
+        If the name cannot be, or `prior` cannot be called.
 
     Examples
     --------
@@ -67,4 +74,8 @@ def register_prior(name: str, prior: Any) -> None:
     >>> "halved" in available("priors")
     True
     """
+    if not isinstance(name, str) or not name or set(name) & set("+:,") or name in BUILT_IN["priors"]:
+        raise InputError(f"name is {name!r}: a name without +, : and , other than auto and none was expected")
+    if not callable(prior):
+        raise InputTypeError(f"prior is {prior!r}: a class or function that makes a denoiser was expected")
     _registered["priors"][name] = prior

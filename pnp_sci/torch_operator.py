@@ -108,7 +108,8 @@ class TorchSensingOperator(torch.nn.Module):
         y : Tensor or array_like, (..., H, W)
             Its batch dimensions broadcast against those of x.
         rho : float or Tensor
-            >= 0, in units of gram; a tensor may be learned, and broadcasts against y.
+            >= 0, in units of gram: one for all, one for each measurement (...), or one for each of its pixels
+            (..., H, W). A tensor may be learned.
 
         Raises
         ------
@@ -119,11 +120,13 @@ class TorchSensingOperator(torch.nn.Module):
         smallest = float(rho.detach().min())
         if not smallest >= 0:
             raise InputError(f"rho is {smallest}: a number >= 0 was expected")
-        x = self._tensor("x", x, self.shape)
+        x, y = self._tensor("x", x, self.shape), self._tensor("y", y, self.shape[2:])
+        if rho.ndim and rho.shape == torch.broadcast_shapes(x.shape[:-4], y.shape[:-2]):
+            rho = rho[..., None, None]
         total = self.gram + rho
         alive = total > 0
         weight = alive / torch.where(alive, total, 1)
-        return x + self.adjoint((self._tensor("y", y, self.shape[2:]) - self.forward(x)) * weight)
+        return x + self.adjoint((y - self.forward(x)) * weight)
 
     def _tensor(self, name: str, value: Any, shape: tuple[int, ...]) -> torch.Tensor:
         if not isinstance(value, torch.Tensor):

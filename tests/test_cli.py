@@ -119,6 +119,11 @@ def test_wrong_command_lines_exit_with_2(meas):
     assert "auto or a number" in fails(2, "solve", meas, "--noise", "much")
     assert "--index: 0 came, but the file has 1 measurement" in fails(2, "solve", meas, "--index", 0)
     assert "tv" in fails(2, "solve", meas, "--prior", "vt")
+    assert "there is no folder nowhere" in fails(2, "solve", meas, "--out", "nowhere/a.npz")
+    assert "there is no folder nowhere" in fails(2, "compare", meas, "--html", "nowhere/a.html")
+    io.write("y.npy", io.read_measurement(meas))
+    for command in ("solve", "compare"):
+        assert "y.npy holds a single array" in fails(2, command, "y.npy")
     assert not Path("result.npz").exists()
 
 
@@ -222,6 +227,15 @@ def test_several_measurements_and_one_of_them(here):
     assert one.exit_code == 0, one.output
     assert np.allclose(Result.load("one.npz").x, second, atol=1e-5)
     assert "--index: 2 came" in fails(2, "solve", "m.h5", "--index", 2)
+    io.write("of_one.npz", {"x": truth[1]})
+    scored = run("solve", "m.h5", "--iterations", 3, "--index", 1, "--reference", "of_one.npz")
+    assert scored.output.splitlines()[1:3] == one.output.splitlines()[1:3], "View 1: PSNR ..."
+    again = run("solve", "m.h5", "--iterations", 3, "--reference", "result.npz", "--out", "again.npz")
+    assert again.exit_code == 1, "one video is no truth of two measurements"
+    run("solve", "m.h5", "--iterations", 3)
+    assert run("solve", "m.h5", "--iterations", 3, "--reference", "result.npz").exit_code == 0
+    io.write("three.npz", {"x": np.stack([truth[0]] * 3)})
+    assert "3 videos: one, or 2" in fails(1, "solve", "m.h5", "--index", 1, "--reference", "three.npz")
     io.write("long.npz", {"x": films[:, :15]})
     assert "reference has shape (2, 15, 32, 32)" in fails(1, "solve", "m.h5", "--reference", "long.npz")
 
@@ -272,6 +286,17 @@ def test_videos_that_do_not_fit_are_named(here):
 
 
 # ---- info, priors, bench -------------------------------------------------------------------------------------------
+
+
+def test_simulate_takes_no_grey_levels_of_unknown_scale(here):
+    grey = np.arange(2 * 8 * 8).reshape(2, 8, 8)
+    for name, video, message in (
+        ("f", grey.astype(float), "video has values up to 127: floats in [0, 1]"),
+        ("i", grey, "video has dtype int64: floats in [0, 1], uint8 or uint16"),
+    ):
+        io.write(f"{name}.npy", video)
+        assert message in fails(1, "simulate", f"{name}.npy", "--out", "m.npz")
+    assert not Path("m.npz").exists()
 
 
 def test_info_reports_on_arrays_masks_and_results(meas):

@@ -136,6 +136,32 @@ def test_imagej_order(tmp_path):
     stack = sample((4, 9, 7), np.uint16)
     tifffile.imwrite(tmp_path / "b.tif", stack, imagej=True, metadata={"axes": "ZYX"})
     assert np.array_equal(io.read(tmp_path / "b.tif"), stack)
+    tifffile.imwrite(tmp_path / "c.tif", stack, imagej=True)  # of unsaid axes, which tifffile calls channels
+    assert np.array_equal(io.read(tmp_path / "c.tif"), stack)
+
+
+def test_tiff_pages_written_one_by_one_are_a_stack(tmp_path):
+    stack = sample((4, 9, 7), np.uint16)
+    with tifffile.TiffWriter(tmp_path / "a.tif") as file:
+        for page in stack:
+            file.write(page)
+    assert np.array_equal(io.read(tmp_path / "a.tif"), stack)
+    with tifffile.TiffWriter(tmp_path / "b.tif") as file:
+        file.write(stack[0])
+        file.write(stack[1, :5])
+    with pytest.raises(FormatError, match=r"series0.*series1"):
+        io.read(tmp_path / "b.tif")
+
+
+def test_videos_of_several_measurements(tmp_path):
+    x = sample((3, 2, 4, 9, 7))
+    io.write(tmp_path / "a.npz", {"x": x})
+    assert np.array_equal(io.read_video(tmp_path / "a.npz"), x)
+    assert np.array_equal(io.read_video(tmp_path / "a.npz", 2), x)
+    with pytest.raises(FormatError, match="planes for 3 views"):
+        io.read_video(tmp_path / "a.npz", 3)
+    with pytest.raises(FormatError, match="planes for 1 views"):
+        io.read_masks(tmp_path / "a.npz", key="x")
 
 
 # ---- layouts --------------------------------------------------------------------------------------------------------

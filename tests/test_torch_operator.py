@@ -108,6 +108,17 @@ def test_masks_of_a_tensor_are_copied():
     assert twin.gram.min() == 6
 
 
+def test_rho_for_all_for_each_measurement_and_for_each_pixel():
+    """Also where as many measurements as columns make two readings possible."""
+    random = np.random.default_rng(0)
+    twin = Twin(random.random((2, 3, 4, 5)), torch.float64)
+    x, y, rho = (torch.from_numpy(random.random(shape)) for shape in ((5, 2, 3, 4, 5), (5, 4, 5), (5,)))
+    one_by_one = torch.stack([twin.project(x[n], y[n], float(rho[n])) for n in range(5)])
+    torch.testing.assert_close(twin.project(x, y, rho), one_by_one)
+    torch.testing.assert_close(twin.project(x, y, rho[:, None, None].expand(5, 4, 5)), one_by_one)
+    torch.testing.assert_close(twin.project(x[0], y, rho), torch.stack([twin.project(x[0], *a) for a in zip(y, rho)]))
+
+
 OP = Twin(np.ones((2, 3, 4, 5)))
 
 
