@@ -514,9 +514,9 @@ def test_settings_reproduce(scene):
         ({"y": np.ones(5)}, "y has shape"),
         ({"y": np.array([["a"]])}, "y has dtype"),
         ({"masks": np.ones((2, 2))}, "masks has shape"),
-        ({"prior": "no such"}, "prior is 'no such'.*tv.*wavelet"),
+        ({"prior": "no such"}, "prior is 'no such'.*auto, none.*tv.*wavelet"),
         ({"prior": 3}, "prior is 3"),
-        ({"init": "no such"}, "init is 'no such'"),
+        ({"init": "no such"}, "init is 'no such'.*auto, adjoint"),
         ({"init": np.ones((1, 2))}, r"init has shape \(1, 2\)"),
         ({"algorithm": "no such"}, "algorithm is 'no such'.*gap.*admm"),
         ({"noise": -1}, "noise is -1"),
@@ -527,6 +527,10 @@ def test_settings_reproduce(scene):
         ({"no_option": 3}, "takes no option no_option"),
         ({"strength": -1.0}, "strength is -1"),
         ({"reference": np.ones(3)}, "reference has shape"),
+        ({"reference": np.ones((10, 2, 64, 64))}, r"reference has shape \(10, 2, 64, 64\)"),
+        ({"reference": np.ones((2, 10, 64, 64), int)}, "reference has dtype int64: floats in .*uint8 or uint16"),
+        ({"prior": "auto+tv"}, "'auto' stands alone"),
+        ({"prior": [("tv", 1), ("auto", 1)]}, "'auto' stands alone"),
         ({"y": [[1], [1, 2]]}, "y is no array of numbers"),
         ({"masks": [[1], [1, 2]]}, "masks is no array of numbers"),
         ({"reference": "text"}, "reference has dtype"),
@@ -551,6 +555,21 @@ def test_errors_name_the_argument(scene, change, message):
     arguments = {"y": scene.y, "masks": scene.masks, **change}
     with pytest.raises((InputError, InputTypeError, UnknownPluginError), match=message):
         solve(**arguments)
+
+
+@pytest.mark.parametrize(
+    ("name", "prior", "message"),
+    [
+        ("auto", dict, "name is 'auto'"),
+        ("a+b", dict, "name is 'a\\+b'"),
+        ("a:3", dict, "name is 'a:3'"),
+        ("", dict, "name is ''"),
+        ("three", 3, "prior is 3"),
+    ],
+)
+def test_a_prior_whose_name_cannot_be_reached_is_not_registered(name, prior, message):
+    with pytest.raises((InputError, InputTypeError), match=message):
+        pnp_sci.register_prior(name, prior)
 
 
 def test_non_finite_input_is_counted(scene):

@@ -6,7 +6,7 @@ import pytest
 import pnp_sci
 from pnp_sci import SceneModel, SensingOperator, datasets, solve
 from pnp_sci.errors import InputError, InputTypeError
-from pnp_sci.judge import TILE, _contested_tile, view_levels
+from pnp_sci.judge import TILE, _beyond_chance, _contested_tile, view_levels
 
 
 @pytest.fixture(scope="module")
@@ -107,6 +107,15 @@ def test_a_still_view_beside_a_moving_one_is_found_by_thorough_priors(scene, sti
         assert f"view {frozen + 1} stands still" in found.scene["reason"]
         assert psnr(found, truth) > psnr(full, truth) + 0.5
         assert solve(y, scene.masks, "tv", iterations=1).scene["still"] in (True, False)
+
+
+def test_a_gain_beyond_chance_is_twice_its_standard_error():
+    noise = np.random.default_rng(0).standard_normal(1000)
+    noise -= noise.mean()
+    error = noise.std() / np.sqrt(1000)
+    assert _beyond_chance(np.zeros(1000), noise + 2.1 * error)
+    assert not _beyond_chance(np.zeros(1000), noise + 1.9 * error)
+    assert not _beyond_chance(np.ones(1000), np.ones(1000)), "no gain at all"
 
 
 def test_one_answer_or_one_for_each_view():
