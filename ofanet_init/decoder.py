@@ -34,7 +34,7 @@ def ofanet(op: SensingOperator, y: np.ndarray, *, device: str | None = None) -> 
     What the network gives is moved to the nearest video that measures y, as far as the noise allows: in the mean that
     can only bring it closer to the scene.
 
-    Where nothing moves in the scene, as :mod:`pnp_sci.scene` judges it, the separator's frames are averaged instead.
+    Where nothing moves in the scene, as :mod:`pnp_sci.judge` finds, the separator's frames are averaged instead.
     Where the weights hold no refine net yet, the separator decodes alone, and a warning is logged.
 
     Parameters

@@ -6,7 +6,7 @@ from pathlib import Path
 
 import click
 
-from ._cli_inputs import OUTPUT, interactive
+from ._cli_inputs import FOLDER, OUTPUT, interactive
 from .errors import SolverError
 
 
@@ -35,7 +35,7 @@ def _numbers(kind: type) -> object:
 @click.option("--repeat", default=1, show_default=True, type=click.IntRange(min=1), help="Timings of each row.")
 @click.option("--paper", is_flag=True, help="The paper's tables instead, ours beside theirs; see docs/results.")
 @click.option("--out", type=OUTPUT, help="Keep rows in this .json, and a .csv beside it; what is there is not redone.")
-@click.option("--markdown", type=OUTPUT, help="Write the table; with --paper a folder of tables.")
+@click.option("--markdown", type=FOLDER, help="Write the table; with --paper a folder of tables.")
 @click.option("--curves", type=OUTPUT, help="Draw PSNR against seconds: .svg, .png or .pdf.")
 def bench(
     cases: str,

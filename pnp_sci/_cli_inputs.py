@@ -31,6 +31,7 @@ class _Output(click.Path):
 
 
 OUTPUT = _Output(path_type=Path)
+FOLDER = click.Path(path_type=Path)  # made where it is missing
 POSITIVE = click.FloatRange(min=0, min_open=True)
 
 
@@ -83,6 +84,8 @@ def true_video(file: Path, shape: tuple[int, ...], several: bool) -> np.ndarray:
 
     views, frames, rows, columns = shape
     video = io.read_video(file, views)
+    if not several and video.shape == (1, *shape):  # the result of a stack of one
+        return video[0]
     if several and video.ndim == 5 and video.shape[1:] == shape:
         return video
     fits = video.ndim == 4 and video.shape[2:] == (rows, columns) and video.shape[1] % frames == 0

@@ -24,8 +24,7 @@ from .budget import LEARNED, prior_within
 from .checks import instance, number, one_of, shaped, whole
 from .compose import FIRST, Stages, first_of, weights_of
 from .errors import InputError
-from .judge import ITERATIONS as JUDGED
-from .judge import judge
+from .judge import judge, patience, with_still_views
 from .loop import Limits, iterate, run
 from .masks import views_are_separable
 from .operator import SensingOperator
@@ -115,8 +114,8 @@ def solve(
     time_budget : float, optional
         Seconds for the whole call; the best there is by then is returned.
     reference : array_like, optional
-        The truth, shaped as the result, for PSNR and SSIM in the history: floats in [0, 1] or integers with their
-        type's maximum as white. The result is compared in the same units.
+        The truth, shaped as the result, for PSNR and SSIM in the history: floats in [0, 1], or uint8 or uint16
+        with the type's maximum as white. The result is compared in the same units.
     callback : callable, optional
         Called with each `State`; a true value stops the solver. With a restless prior (`video` after two calls a frame,
         `bm3d` and `flow` after ten) its x and residual are those of a mean, while the solver goes on from what it has.
@@ -285,15 +284,18 @@ def choose_scene(scene: str | SceneModel, problem: Problem, prior: Any = None) -
     """The model that a `scene` argument of :func:`solve` stands for.
 
     Quick estimates are made with TV and, where they leave it open and the `prior` is no quick one itself, with flow.
+    Single views that stand still beside others are looked for if a `prior` is given that is no quick one.
     """
     if isinstance(scene, SceneModel):
         return scene
     if scene == "full" or "tv" not in registry.available("priors"):
         return full(problem.op)
-    careful = None
-    if prior not in QUICK and "flow" in registry.available("priors"):
-        careful = registry.load("priors", "flow")(first=JUDGED // 2)  # the other half shows what motion tells
-    return judge(problem, registry.load("priors", "tv")(), careful)
+    tv = registry.load("priors", "tv")()
+    if prior in QUICK or "flow" not in registry.available("priors"):
+        return judge(problem, tv)
+    flow = registry.load("priors", "flow")(first=patience(problem.op) // 2)  # the other half shows what motion tells
+    chosen = judge(problem, tv, flow)
+    return chosen if prior is None else with_still_views(problem, tv, flow, chosen)
 
 
 def decode(y: Any, masks: Any, model: str = "ofanet", **options: Any) -> Result:

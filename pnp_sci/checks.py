@@ -36,7 +36,7 @@ def white(name: str, dtype: np.dtype) -> float:
     """The value of white in pictures of this dtype: 1 of floats and bool, the largest of uint8 and uint16."""
     if dtype.kind in "fb":
         return 1.0
-    if dtype not in (np.uint8, np.uint16):  # 255 in int64 would be black
+    if dtype.newbyteorder("=") not in (np.uint8, np.uint16):  # 255 in int64 would be black
         raise InputTypeError(f"{name} has dtype {dtype}: floats in [0, 1], uint8 or uint16 were expected")
     return float(np.iinfo(dtype).max)
 

@@ -11,14 +11,13 @@ import click
 
 from ._cli_bench import bench
 from ._cli_compare import compare
-from ._cli_inputs import FILE, OUTPUT, camera, camera_options, interactive, masks_for, one_of, true_video
+from ._cli_inputs import FILE, FOLDER, OUTPUT, camera, camera_options, interactive, masks_for, one_of, true_video
 from .errors import InputError, UnknownPluginError
 
 if TYPE_CHECKING:
     import numpy as np
 
 
-FOLDER = click.Path(path_type=Path)  # made where it is missing
 BRIGHTEST = 2.0  # of a video of floats: interpolation may leave [0, 1], grey levels up to 255 are another scale
 
 
@@ -51,12 +50,7 @@ def main(debug: bool) -> None:
 
 
 @main.command()
-@click.option(
-    "--out",
-    type=click.Path(path_type=Path),
-    default=Path(),
-    help="Folder for demo.png and demo.mp4.  [default: this one]",
-)
+@click.option("--out", type=FOLDER, default=Path(), help="Folder for demo.png and demo.mp4.  [default: this one]")
 @click.option("--size", default=256, show_default=True, help="Rows and columns of the scene.")
 def demo(out: Path, size: int) -> None:
     """Recover the two videos of the embedded scene with total variation, and score them."""
@@ -281,6 +275,8 @@ def _views(files: tuple[Path, ...], views: int | None, frames: int | None) -> np
 
     if len(files) == 1:
         x = io.read_video(files[0], views)
+        if x.ndim == 5:
+            raise InputError(f"{files[0]} holds the videos of {len(x)} measurements: those of one were expected")
         if frames is not None and frames > x.shape[1]:
             raise InputError(f"frames is {frames}, but {files[0]} has {x.shape[1]}")
         return _unit_range(x[:, :frames])

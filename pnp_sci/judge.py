@@ -17,7 +17,7 @@ DARK = 0.08  # of the brightest view's level: below, a view may be absent
 TILE = 96  # pixels a side of the crop on which models are compared
 WINDOW = 48  # pixels a side of what lies in its middle: something small that moves in a still scene is to be found
 HELD_BACK = 0.1  # of the pixels of y, to be predicted
-ITERATIONS = 60  # of the quick estimates; with fewer the full model has not shown yet what it can do
+LEAST, PER_FRAME = 60, 3  # iterations of the quick estimates; with fewer the full model has not shown what it can do
 LOOK = 10  # iterations that show where the simple model is worst off
 EARLY = 20  # ... and sometimes that the full one is better
 EVERYWHERE = 0.3  # of the mean squared error, added to that of every window: where both models fit well is no contest
@@ -38,11 +38,15 @@ DOUBT = 0.1
 Test = tuple[Denoiser, Callable[[np.ndarray, np.ndarray], bool]]
 
 
+def patience(op: SensingOperator) -> int:
+    """Iterations of the quick estimates: three for each frame of all views, but 60 at least."""
+    return max(LEAST, PER_FRAME * op.shape[0] * op.shape[1])
+
+
 def judge(problem: Problem, denoiser: Denoiser, careful: Denoiser | None = None) -> SceneModel:
     """What this measurement requires to be modelled, from the measurement alone.
 
-    Simpler models are tried against the full one: without the views whose level is near 0, with one frame per view, and
-    with a careful denoiser also with one frame for one view after the other.
+    Simpler models are tried against the full one: without the views whose level is near 0, and with one frame per view.
     A tenth of the pixels of y is held back, both models are estimated quickly from the rest, and where the simple one
     is worst off beside the other they are compared with more care: it is taken if it predicts what was held back
     clearly better there too, or with a `careful` denoiser hardly worse.
@@ -74,13 +78,25 @@ def judge(problem: Problem, denoiser: Denoiser, careful: Denoiser | None = None)
         tests = (denoiser, partial(_at_most, PERHAPS)), (careful, partial(_at_most, CAREFULLY))
         if _predicts_better(problem, still, chosen, *tests):
             return still
-        tests = (denoiser, partial(_at_most, BESIDE)), (careful, _beyond_chance)
-        for view in np.flatnonzero(chosen.views):
-            stays = tuple(s or v == view for v, s in enumerate(chosen.still))  # type: ignore[arg-type]
-            names = ", ".join(str(v + 1) for v, s in enumerate(stays) if s)
-            beside = SceneModel(chosen.views, stays, f"{so_far}view {names} stands still: one frame of it explains y")
-            if not beside.nothing_moves and _predicts_better(problem, beside, chosen, *tests):
-                chosen = beside
+    return chosen
+
+
+def with_still_views(problem: Problem, denoiser: Denoiser, careful: Denoiser, chosen: SceneModel) -> SceneModel:
+    """The chosen model of a scene in which something moves, with one frame for each view that stands still in it.
+
+    One view after the other is tried, as :func:`judge` tries models; all share the errors of what moves, so that one
+    frame must predict better with the careful denoiser, and beyond chance.
+    """
+    if chosen.nothing_moves or problem.op.shape[1] == 1:
+        return chosen
+    tests = (denoiser, partial(_at_most, BESIDE)), (careful, _beyond_chance)
+    so_far = "" if chosen.complete else chosen.reason + "; "
+    for view in np.flatnonzero(chosen.views):
+        still = tuple(s or v == view for v, s in enumerate(chosen.still))  # type: ignore[arg-type]
+        names = " and ".join(str(v + 1) for v, s in enumerate(still) if s)
+        model = SceneModel(chosen.views, still, f"{so_far}one frame explains what y shows of view {names}")
+        if not model.nothing_moves and _predicts_better(problem, model, chosen, *tests):
+            chosen = model
     return chosen
 
 
@@ -126,14 +142,15 @@ def _predicts_better(
         for error in _prediction_errors(model.reduce(part), y, seen, noise, prior, *iterations):
             yield error[hidden].astype(np.float64) ** 2 - expected
 
-    of_simple = next(squares(simple, denoiser, ITERATIONS))
+    enough = patience(op)
+    of_simple = next(squares(simple, denoiser, enough))
     # below 0 all is noise, and tells nothing; the other model only gets better after the early look
-    if not all(o.mean() > 0 and is_fine(of_simple, o) for o in squares(other, denoiser, EARLY, ITERATIONS)):
+    if not all(o.mean() > 0 and is_fine(of_simple, o) for o in squares(other, denoiser, EARLY, enough)):
         return False
     if careful is None:
         return True
     denoiser, is_fine = careful
-    return is_fine(next(squares(simple, denoiser, ITERATIONS)), next(squares(other, denoiser, ITERATIONS)))
+    return is_fine(next(squares(simple, denoiser, enough)), next(squares(other, denoiser, enough)))
 
 
 def _at_most(share: float, simple: np.ndarray, other: np.ndarray) -> bool:
@@ -151,8 +168,8 @@ def _prediction_errors(
     op: SensingOperator, y: np.ndarray, seen: np.ndarray, noise: float, denoiser: Denoiser, *iterations: int
 ) -> Iterator[np.ndarray]:
     """y - Phi x (H, W) for x estimated from the pixels of y that are seen, after so many iterations each."""
-    partial = SensingOperator(op.masks * seen.astype(op.masks.dtype), op.dtype)
-    for state in iterate(partial, y * seen, denoiser, level(op, y * seen), noise=noise):
+    sampled = SensingOperator(op.masks * seen.astype(op.masks.dtype), op.dtype)
+    for state in iterate(sampled, y * seen, denoiser, level(op, y * seen), noise=noise):
         if state.iteration in iterations:
             yield y - op.forward(state.x)
         if state.iteration == iterations[-1]:

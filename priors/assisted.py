@@ -45,7 +45,7 @@ class Assisted:
     A sigma above 0.12 counts as falling in the first call, and then if it is smaller than in the call before. The
     network sees the frames turned or mirrored otherwise in every call, so that what it prefers of a direction averages
     out. After 30 calls what x brings of a view beside the last result may have 2.8 sigma, root mean square; more is
-    scaled down to that.
+    scaled down to that: call :meth:`reset` before another video of the same shape.
 
     Parameters
     ----------
@@ -103,6 +103,7 @@ class Assisted:
         falling, self._before = sigma < self._before, sigma
         self._calls += 1
         if self._calls <= self.first or (falling and sigma > NOISY):
+            self._last = None
             return self.without(x, sigma)
         if sigma > 0 and self._last is not None and self._calls > FIRST:
             x = within(DEMAND * sigma, x, self._last)
@@ -124,6 +125,8 @@ def within(reach: float, x: np.ndarray, last: np.ndarray) -> np.ndarray:
     """x, each view of it no further from `last`, both (V, B, H, W), than `reach` (> 0) root mean square."""
     step = x - last
     distance = np.sqrt(np.mean(step**2, (1, 2, 3), keepdims=True))
+    if (distance <= reach).all():
+        return x
     return last + step * (reach / np.maximum(distance, reach)).astype(x.dtype)
 
 

@@ -20,13 +20,14 @@ class Net:
     learned = True
 
     def __init__(self):
-        self.loaded, self.sigmas = 0, []
+        self.loaded, self.sigmas, self.turns = 0, [], []
 
     def load(self):
         self.loaded += 1
 
     def __call__(self, x, sigma, turn):
         self.sigmas.append(sigma)
+        self.turns.append(turn)
         return x.copy()
 
 
@@ -117,6 +118,26 @@ def test_what_a_view_brings_anew_is_bounded_in_that_view_only():
     denoise.reset()  # a new video
     for _ in range(FIRST):
         denoise(x, 0.05)
+    np.testing.assert_array_equal(denoise(wild, 0.05), wild)
+
+
+def test_the_network_sees_every_call_otherwise():
+    denoise = assisted(2)
+    served(denoise, [0.05] * 10)
+    assert sorted(turn % 8 for turn in denoise.net.turns) == list(range(8))
+
+
+def test_early_calls_and_those_after_tv_may_bring_anything():
+    rng = np.random.default_rng(0)
+    x, wild = np.zeros((1, 3, 16, 16), np.float32), rng.standard_normal((1, 3, 16, 16)).astype(np.float32)
+    denoise = Assisted(Net(), TV(), lambda x, sigma: x, stronger=1.5, first=0)
+    for _ in range(2):
+        denoise(x, 0.05)
+    np.testing.assert_array_equal(denoise(wild, 0.05), wild)
+    for _ in range(FIRST):
+        denoise(x, 0.05)
+    denoise._before = 1.0
+    denoise(x, 0.5)  # a large sigma falls: TV
     np.testing.assert_array_equal(denoise(wild, 0.05), wild)
 
 

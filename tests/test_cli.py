@@ -290,6 +290,10 @@ def test_videos_that_do_not_fit_are_named(here):
 
 def test_simulate_takes_no_grey_levels_of_unknown_scale(here):
     grey = np.arange(2 * 8 * 8).reshape(2, 8, 8)
+    io.write("big_endian.npy", grey.astype(">u2"))
+    assert run("simulate", "big_endian.npy", "--out", "big.npz").exit_code == 0
+    io.write("several.npz", {"x": np.zeros((3, 2, 4, 8, 8))})
+    assert "several.npz holds the videos of 3 measurements" in fails(1, "simulate", "several.npz", "--out", "m.npz")
     for name, video, message in (
         ("f", grey.astype(float), "video has values up to 127: floats in [0, 1]"),
         ("i", grey, "video has dtype int64: floats in [0, 1], uint8 or uint16"),

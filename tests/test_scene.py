@@ -104,9 +104,9 @@ def test_a_still_view_beside_a_moving_one_is_found_by_thorough_priors(scene, sti
         y = pnp_sci.simulate(truth, scene.masks)
         found, full = (solve(y, scene.masks, "flow", scene=m) for m in ("auto", "full"))
         assert found.scene["still"] == (frozen == 0, frozen == 1)
-        assert f"view {frozen + 1} stands still" in found.scene["reason"]
+        assert f"shows of view {frozen + 1}" in found.scene["reason"]
         assert psnr(found, truth) > psnr(full, truth) + 0.5
-        assert solve(y, scene.masks, "tv", iterations=1).scene["still"] in (True, False)
+        assert isinstance(solve(y, scene.masks, "tv", iterations=1).scene["still"], bool), "tv looks for none"
 
 
 def test_a_gain_beyond_chance_is_twice_its_standard_error():

@@ -29,8 +29,7 @@ QUIET, NOISE = 0.65, (0.004, 0.1)  # part of them without noise; else log-unifor
 DENSE, DENSITY = 0.75, (0.3, 0.6)  # part of the masks of density 1/2; else uniform between these
 # Part of them that is solved with the iterations of effort="best", and with so many: what a network that goes astray
 # makes of a scene in the long run is to be seen too.
-BEST, LONG, MANY = 0.3, 0.25, 150
-DIM, DIMMED = 0.25, (0.1, 1.0)  # part of the views that are dimmed, by a factor log-uniform between these
+BEST, LONG, MANY = 0.3, 0.15, 150
 CALLS, FRAMES = 5, 8  # kept of a measurement: the last call and others by chance, and so many frames of each at most
 
 
@@ -110,9 +109,6 @@ def _solved(clips: Sequence[Clip], prior: Assisted, crop: int, random: np.random
     views, frames = list(SETUPS)[random.choice(len(SETUPS), p=list(SETUPS.values()))]
     sampler = Sampler(clips, frames=frames, crop=crop, batch=1, seed=0)
     truth = np.stack([sampler.piece(random) for _ in range(views)]).astype(np.float32) / 255
-    for view in truth:
-        if random.random() < DIM:
-            view *= np.exp(random.uniform(*np.log(DIMMED)))
     density = 0.5 if random.random() < DENSE else random.uniform(*DENSITY)
     masks = pnp_sci.moving_masks(truth.shape, density, seed=int(random.integers(2**31)))  # type: ignore[arg-type]
     noise = 0.0 if random.random() < QUIET else float(np.exp(random.uniform(*np.log(NOISE))))
