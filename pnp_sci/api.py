@@ -293,7 +293,8 @@ def choose_scene(scene: str | SceneModel, problem: Problem, prior: Any = None) -
     tv = registry.load("priors", "tv")()
     if prior in QUICK or "flow" not in registry.available("priors"):
         return judge(problem, tv)
-    flow = registry.load("priors", "flow")(first=patience(problem.op) // 2)  # the other half shows what motion tells
+    half = patience(problem.op) // 2  # the other half shows what motion tells
+    flow = partial(registry.load("priors", "flow"), first=half)
     chosen = judge(problem, tv, flow)
     return chosen if prior is None else with_still_views(problem, tv, flow, chosen)
 

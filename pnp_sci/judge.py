@@ -31,11 +31,13 @@ PERHAPS, CAREFULLY = 1.2, 1.4
 # must then be so many of its standard errors: on 11 pairs of clips of 128 x 128 with a still view 8 have more, and 4
 # with noise of 0.02 of max(y); of 66 moving views one has, with 20 frames, which gains 0.1 dB as a still one.
 BESIDE, SURELY = 1.0, 2.0
+GLANCE = 2 / 3  # of the iterations: most moving views are found out by then
 # Of the variance of the noise, which may be estimated so much too low: left in both errors, that makes them alike.
 DOUBT = 0.1
 
-# What estimates, and whether the squared errors (N,) of a simple model, beyond the noise, are fine beside another's.
-Test = tuple[Denoiser, Callable[[np.ndarray, np.ndarray], bool]]
+Careful = Callable[[], Denoiser]
+# Whether the squared errors (N,) of a simple model, beyond the noise, are fine beside another's.
+IsFine = Callable[[np.ndarray, np.ndarray], bool]
 
 
 def patience(op: SensingOperator) -> int:
@@ -43,7 +45,7 @@ def patience(op: SensingOperator) -> int:
     return max(LEAST, PER_FRAME * op.shape[0] * op.shape[1])
 
 
-def judge(problem: Problem, denoiser: Denoiser, careful: Denoiser | None = None) -> SceneModel:
+def judge(problem: Problem, denoiser: Denoiser, careful: Careful | None = None) -> SceneModel:
     """What this measurement requires to be modelled, from the measurement alone.
 
     Simpler models are tried against the full one: without the views whose level is near 0, and with one frame per view.
@@ -56,8 +58,8 @@ def judge(problem: Problem, denoiser: Denoiser, careful: Denoiser | None = None)
     problem : Problem
     denoiser : Denoiser
         For the quick estimates, such as TV.
-    careful : Denoiser, optional
-        A better one, such as flow, for solvers whose prior is better than `denoiser` too: with it both models are
+    careful : callable, optional
+        Makes a better one, such as flow, for solvers whose prior is better than `denoiser` too: with it both models are
         compared once more. Where masks are sparse, frames many or pictures small, a still model is as good as what TV
         makes of a moving scene, but not as good as what flow makes of it.
     """
@@ -75,13 +77,13 @@ def judge(problem: Problem, denoiser: Denoiser, careful: Denoiser | None = None)
         still = SceneModel(chosen.views, True, so_far + "nothing moves: one frame per view explains y")
         if careful is None:
             return still if _predicts_better(problem, still, chosen, (denoiser, partial(_at_most, CLEARLY))) else chosen
-        tests = (denoiser, partial(_at_most, PERHAPS)), (careful, partial(_at_most, CAREFULLY))
+        tests = (denoiser, partial(_at_most, PERHAPS)), (careful, {1.0: partial(_at_most, CAREFULLY)})
         if _predicts_better(problem, still, chosen, *tests):
             return still
     return chosen
 
 
-def with_still_views(problem: Problem, denoiser: Denoiser, careful: Denoiser, chosen: SceneModel) -> SceneModel:
+def with_still_views(problem: Problem, denoiser: Denoiser, careful: Careful, chosen: SceneModel) -> SceneModel:
     """The chosen model of a scene in which something moves, with one frame for each view that stands still in it.
 
     One view after the other is tried, as :func:`judge` tries models; all share the errors of what moves, so that one
@@ -89,7 +91,8 @@ def with_still_views(problem: Problem, denoiser: Denoiser, careful: Denoiser, ch
     """
     if chosen.nothing_moves or problem.op.shape[1] == 1:
         return chosen
-    tests = (denoiser, partial(_at_most, BESIDE)), (careful, _beyond_chance)
+    looks = {GLANCE: partial(_at_most, 1.0), 1.0: _beyond_chance}
+    tests = (denoiser, partial(_at_most, BESIDE)), (careful, looks)
     so_far = "" if chosen.complete else chosen.reason + "; "
     for view in np.flatnonzero(chosen.views):
         still = tuple(s or v == view for v, s in enumerate(chosen.still))  # type: ignore[arg-type]
@@ -119,11 +122,16 @@ def view_levels(op: SensingOperator, y: np.ndarray) -> np.ndarray:
 
 
 def _predicts_better(
-    problem: Problem, simple: SceneModel, other: SceneModel, quick: Test, careful: Test | None = None
+    problem: Problem,
+    simple: SceneModel,
+    other: SceneModel,
+    quick: tuple[Denoiser, IsFine],
+    careful: tuple[Careful, dict[float, IsFine]] | None = None,
 ) -> bool:
     """Whether the simple model predicts pixels of y held back well enough, on the tile where it is worst off.
 
-    That is in each test given, the quick one first. Saturated pixels are neither seen nor predicted.
+    That is in each test given, the quick one first, and after each part of the careful one's iterations. Saturated
+    pixels are neither seen nor predicted.
     """
     denoiser, is_fine = quick
     op, y, noise = problem.op, problem.y, problem.typical_noise
@@ -149,8 +157,10 @@ def _predicts_better(
         return False
     if careful is None:
         return True
-    denoiser, is_fine = careful
-    return is_fine(next(squares(simple, denoiser, enough)), next(squares(other, denoiser, enough)))
+    make, looks = careful
+    after = [round(part * enough) for part in looks]
+    pairs = zip(looks.values(), squares(simple, make(), *after), squares(other, make(), *after))
+    return all(is_fine(s, o) for is_fine, s, o in pairs)
 
 
 def _at_most(share: float, simple: np.ndarray, other: np.ndarray) -> bool:
