@@ -123,11 +123,13 @@ class Assisted:
 
 def within(reach: float, x: np.ndarray, last: np.ndarray) -> np.ndarray:
     """x, each view of it no further from `last`, both (V, B, H, W), than `reach` (> 0) root mean square."""
-    step = x - last
-    distance = np.sqrt(np.mean(step**2, (1, 2, 3), keepdims=True))
-    if (distance <= reach).all():
-        return x
-    return last + step * (reach / np.maximum(distance, reach)).astype(x.dtype)
+    out = x.copy()
+    for view, before in zip(out, last):
+        step = view - before
+        distance = float(np.sqrt(np.mean(step**2)))
+        if distance > reach:
+            view[:] = before + step * x.dtype.type(reach / distance)
+    return out
 
 
 def ffdnet(weights: str | Path | None = None, device: str | None = None, first: int = FIRST) -> Assisted:
