@@ -1,12 +1,11 @@
-"""Averages of frames along their motion: warping, comparing and weighting in one pass over each frame."""
+"""Averages of frames along their motion: warping and averaging in one pass over each frame."""
 
 import numba
 import numpy as np
 
-from pnp_sci._jit import device_function, kernel, loop
+from pnp_sci._jit import kernel, loop
 
 FRACTION = 64  # flow is stored in 64ths of a pixel, as int16: half the memory of float32, and finer than flows are true
-SMOOTH = 3  # pixels either side of the box that averages squared differences, applied twice: a Gaussian of 2.8 pixels
 
 
 def _catmull_rom(t: np.ndarray) -> np.ndarray:
@@ -17,12 +16,10 @@ def _catmull_rom(t: np.ndarray) -> np.ndarray:
 
 
 CUBIC = _catmull_rom(np.arange(FRACTION) / FRACTION)
-STEPS = 2048  # of an exponent from 0 to 1
-FADING = (255 * np.exp(-np.arange(np.ceil(STEPS * np.log(255))) / STEPS)).astype(np.uint8)  # as long as it is 1 or more
 
 
 @loop
-def _extend(frame, out):
+def extend(frame, out):
     """out <- the frame and, around it, what bicubic interpolation reads: a pixel before, two behind, all as it ends."""
     rows, columns = frame.shape
     for i in range(rows + 3):
@@ -33,7 +30,7 @@ def _extend(frame, out):
 
 
 @loop
-def _warp(extended, flow, i, out):
+def warp(extended, flow, i, out):
     """out[j] <- frame[i + flow rows, j + flow columns], bicubic, for a row i; the frame goes on as it ends.
 
     Pixels are counted from the first one by unsigned integers, which numba does not check for being negative.
@@ -55,80 +52,6 @@ def _warp(extended, flow, i, out):
         out[j] = total
 
 
-@device_function
-def _box(picture, scratch):
-    """Mean over a square of 2 SMOOTH + 1 pixels, in place; the picture goes on beyond its edges as it ends."""
-    rows, columns = picture.shape
-    scale = picture.dtype.type(1.0 / (2 * SMOOTH + 1) ** 2)
-    below = np.zeros(columns + 2 * SMOOTH, picture.dtype)  # sums over rows, the ends of the row repeated
-    for i in range(rows):
-        scratch[i] = picture[i]
-    for d in range(-SMOOTH, SMOOTH + 1):
-        k = min(max(d, 0), rows - 1)
-        for j in range(columns):
-            below[j + SMOOTH] += scratch[k, j]
-    for i in range(rows):
-        below[:SMOOTH] = below[SMOOTH]
-        below[columns + SMOOTH :] = below[columns + SMOOTH - 1]
-        o = picture[i]
-        o[:] = 0
-        for d in range(2 * SMOOTH + 1):
-            shifted = below[d : d + columns]
-            for j in range(columns):
-                o[j] += shifted[j]
-        enter, leave = min(i + SMOOTH + 1, rows - 1), max(i - SMOOTH, 0)
-        for j in range(columns):
-            o[j] *= scale
-            below[j + SMOOTH] += scratch[enter, j] - scratch[leave, j]
-
-
-@kernel
-def consistency(flow, pairs, reverse, tolerance, trust):
-    """trust[p] <- 255 exp(-|flow there + flow back|^2 / tolerance^2) for each pair of frames, as uint8."""
-    rows, columns = flow.shape[1:3]
-    scale = STEPS / (FRACTION * tolerance) ** 2
-    for p in numba.prange(len(pairs)):
-        there, back = flow[p], flow[reverse[p]]
-        for i in range(rows):
-            for j in range(columns):
-                y = i + (there[i, j, 1] + FRACTION // 2) // FRACTION
-                x = j + (there[i, j, 0] + FRACTION // 2) // FRACTION
-                trust[p, i, j] = 0
-                if 0 <= y < rows and 0 <= x < columns:
-                    dy, dx = there[i, j, 1] + back[y, x, 1], there[i, j, 0] + back[y, x, 0]
-                    step = (dy * dy + dx * dx) * scale
-                    if step < len(FADING):
-                        trust[p, i, j] = FADING[np.int64(step)]
-
-
-@kernel
-def weigh(v, flow, trust, pairs, tolerance, weights):
-    """weights[p] <- trust[p] exp(-z) for each pair (b, n) of frames of v (B, H, W), as uint8.
-
-    z is the squared difference of frame n, warped, from frame b, smoothed, over tolerance^2; exp(z) by its first terms.
-    """
-    frames, rows, columns = v.shape
-    one, half, sixth = v.dtype.type(1), v.dtype.type(1 / 2), v.dtype.type(1 / 6)
-    inverse = one / (tolerance * tolerance)
-    extended = np.empty((frames, rows + 3, columns + 3), v.dtype)
-    for b in numba.prange(frames):
-        _extend(v[b], extended[b])
-    for p in numba.prange(len(pairs)):
-        here, there = v[pairs[p, 0]], extended[pairs[p, 1]]
-        distance, scratch = np.empty_like(here), np.empty_like(here)
-        for i in range(rows):
-            d = distance[i]
-            _warp(there, flow[p, i], i, d)
-            for j in range(columns):
-                d[j] = (d[j] - here[i, j]) ** 2
-        _box(distance, scratch)
-        _box(distance, scratch)
-        for i in range(rows):
-            for j in range(columns):
-                z = max(distance[i, j], v.dtype.type(0)) * inverse
-                weights[p, i, j] = np.uint8(trust[p, i, j] / (one + z * (one + z * (half + z * sixth))))
-
-
 @loop
 def _add(warped, share, total, out):
     """out <- out + share * warped, total <- total + share."""
@@ -147,7 +70,7 @@ def average(v, flow, weights, pairs, first, out):
     frames, rows, columns = v.shape
     extended = np.empty((frames, rows + 3, columns + 3), v.dtype)
     for b in numba.prange(frames):
-        _extend(v[b], extended[b])
+        extend(v[b], extended[b])
     for b in numba.prange(frames):
         warped, total = np.empty(columns, v.dtype), np.empty(columns, v.dtype)
         for i in range(rows):
@@ -155,7 +78,7 @@ def average(v, flow, weights, pairs, first, out):
             o[:] = v[b, i] * v.dtype.type(255)
             total[:] = 255
             for p in range(first[b], first[b + 1]):
-                _warp(extended[pairs[p, 1]], flow[p, i], i, warped)
+                warp(extended[pairs[p, 1]], flow[p, i], i, warped)
                 _add(warped, weights[p, i], total, o)
             o /= total
 

@@ -125,7 +125,8 @@ class Flow:
         """Each frame of v (V, B, H, W) averaged with its neighbours along their motion."""
         if (self._calls - self.first) % RENEW == 1 or not self._motion:
             seeing = self.neighbours, self.tolerance * sigma, self.drift, SEARCH
-            self._motion = [measure(view, *seeing) for view in v]
+            before = self._motion or [None] * len(v)
+            self._motion = [measure(view, *seeing, motion) for view, motion in zip(v, before)]
             self._left = np.stack([GRAIN * seen.remaining for seen in self._motion])
         out = np.empty_like(v)
         for view, seen, averaged in zip(v, self._motion, out):

@@ -17,6 +17,7 @@ from .motion import SMALLEST, Motion, Search, finished, measure
 NEIGHBOURS = 3  # frames either side that help a frame
 TOLERANCE = 0.75  # difference between a frame and its warped neighbour at which that counts 1/e, in units of sigma
 DRIFT = 1.5  # pixels between going there and back along the flow at which a neighbour counts 1/e
+SHARP = 0.7  # part of sigma that the image net is told where frames are to show motion: detail tells more than grain
 SEARCH = Search(steps=5, smoothings=3)  # on validation clips 8 steps are no better; without smoothing 0.3 dB are lost
 SETTLED = 2  # calls for each frame of all views after which estimates flicker more than they improve
 FAINT = 1e-4  # sigma below which an average is not worth it
@@ -96,7 +97,7 @@ class VideoDenoiser(Learned):
         if min(x.shape[2:]) < SMALLEST or x.shape[1] < 2 or sigma < FAINT:
             return self.image._noise(x, sigma, turn)
         if self._calls % self.renew == 0 or not self._motion:
-            self._motion = see(self.image(x, sigma), sigma)
+            self._motion = see(self.image, x, sigma, self._motion if self.renew > 1 else None)
         self._calls += 1
         mean, level = averaged(x, sigma, self._motion)
         frames = mean.reshape(-1, *x.shape[2:]), level.reshape(-1, *x.shape[2:])
@@ -114,9 +115,13 @@ class VideoDenoiser(Learned):
         return finished(x, sigma, NEIGHBOURS, DRIFT, SEARCH)
 
 
-def see(cleaned: np.ndarray, sigma: float) -> list[Motion]:
-    """The motion of each view of `cleaned` (V, B, H, W), whose noise had standard deviation `sigma` before."""
-    return [measure(view, NEIGHBOURS, TOLERANCE * sigma, DRIFT, SEARCH) for view in cleaned]
+def see(image: FFDNet, x: np.ndarray, sigma: float, before: list[Motion] | None = None) -> list[Motion]:
+    """The motion of each view of x (V, B, H, W), with noise of standard deviation `sigma`, as the image net shows it.
+
+    The search begins with the motion `before` of earlier estimates of the views.
+    """
+    views = zip(image(x, SHARP * sigma), before or [None] * len(x))
+    return [measure(view, NEIGHBOURS, TOLERANCE * sigma, DRIFT, SEARCH, motion) for view, motion in views]
 
 
 def averaged(x: np.ndarray, sigma: float, motion: list[Motion]) -> tuple[np.ndarray, np.ndarray]:

@@ -62,7 +62,7 @@ class Averaged:
     def __call__(self, noisy: np.ndarray, sigma: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """The averages of `noisy` and the noise level that is left in each pixel."""
         clips = [(clip[None], float(level)) for clip, level in zip(noisy, sigma)]
-        parts = [averaged(clip, level, see(self.image(clip, level), level)) for clip, level in clips]
+        parts = [averaged(clip, level, see(self.image, clip, level)) for clip, level in clips]
         mean, level = (np.concatenate(part) for part in zip(*parts))
         return mean, level
 
