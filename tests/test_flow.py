@@ -4,14 +4,16 @@ from importlib.util import find_spec
 
 import numpy as np
 import pytest
+from scipy.ndimage import gaussian_filter
 
 import pnp_sci
 from pnp_sci import datasets
 from pnp_sci.errors import InputError
 from priors import assisted, flow
-from priors._flow_kernels import FRACTION, consistency
+from priors._flow_kernels import FRACTION
+from priors._match_kernels import choose, consistency, differ, smooth, steady
 from priors.flow import SEARCH, Flow
-from priors.motion import measure
+from priors.motion import _farthest, _opposite, measure
 from priors.tv import TV
 
 KINDS = [Flow, *([assisted.video] if find_spec("torch") else [])]
@@ -141,6 +143,49 @@ def test_any_sigma_once_motion_is_used(moving, sigma, kind):
 def test_errors_name_the_option(option):
     with pytest.raises(InputError, match=next(iter(option))):
         Flow(**option)
+
+
+def test_flow_is_chosen_where_frames_match_better_by_it():
+    """Of no flow and the right one the right one is taken, and its difference kept; what is worse changes nothing."""
+    rng = np.random.default_rng(0)
+    picture = gaussian_filter(rng.standard_normal((40, 52)), 1).astype(np.float32)
+    v, pairs = np.stack([picture[4:36, 4:48], picture[6:38, 5:49]]), np.array([[0, 1]])
+    none = np.zeros((1, 32, 44, 2), np.int16)
+    right = none + np.array([-FRACTION, -2 * FRACTION], np.int16)
+    flow, distance, least = none.copy(), *np.empty((2, 1, 32, 44), np.float32)
+    differ(v, flow, pairs, distance)
+    differ(v, right, pairs, least)
+    choose(v, right, pairs, flow, distance)
+    inner = np.s_[0, 6:-6, 6:-6]
+    np.testing.assert_array_equal(flow[inner], right[inner])
+    np.testing.assert_array_equal(distance[inner], least[inner])
+    np.testing.assert_allclose(least[inner], 0, atol=1e-8)
+    choose(v, none, pairs, flow, distance)
+    np.testing.assert_array_equal(flow[inner], right[inner])
+
+
+def test_steady_motion_is_taken_from_other_pairs():
+    near = [(b, n) for b in range(4) for n in range(4) if 0 < abs(b - n) <= 2]
+    for source, share in (_opposite(near), _farthest(near)):
+        for (b, n), s, part in zip(near, source, share):
+            assert near[s][0] == b
+            assert (near[s][1] - b) * part == n - b
+    assert [near[s] for s in _opposite(near)[0]][near.index((1, 2))] == (1, 0)
+    assert [near[s] for s in _farthest(near)[0]][near.index((0, 1))] == (0, 2)
+    flow = np.random.default_rng(0).integers(-32767, 32768, (2, 3, 4, 2)).astype(np.int16)
+    out = np.empty_like(flow)
+    steady(flow, np.array([1, 0]), np.array([-0.5, 3], np.float32), out)
+    np.testing.assert_array_equal(out[0], np.rint(np.float32(-0.5) * flow[1]))
+    np.testing.assert_array_equal(out[1], np.clip(3 * flow[0].astype(int), -32767, 32767))
+
+
+def test_smoothed_flow_comes_from_where_frames_match():
+    """A patch in which nothing matches takes the flow of its surroundings; flow that is the same everywhere stays."""
+    flow, distance = np.full((1, 30, 30, 2), 100, np.int16), np.zeros((1, 30, 30), np.float32)
+    flow[0, 14:16, 14:16], distance[0, 14:16, 14:16] = -3000, 100
+    out = np.empty_like(flow)
+    smooth(flow, distance, np.float32(0.1), out)
+    np.testing.assert_array_equal(out, 100)
 
 
 @pytest.mark.parametrize("drift", [1e-30, 0.3, 1.5, 1e30])
