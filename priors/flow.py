@@ -10,19 +10,16 @@ import numpy as np
 from pnp_sci.errors import InputError
 
 from .bm3d import BM3D
-from .motion import SMALLEST, Motion, Search, finished, measure
+from .motion import SMALLEST, Motion, finished, measure
 from .tv import TV
 
 # Calls of TV alone, cheap beside the others. On validation clips, 128 x 128, and with 30 calls after them, 60 gain 0.1
 # and 0.4 dB in the place of 30 with two views of 10 and 14 frames, with noise of 0.02 0.2 dB, with more noise or one
 # view nothing.
 FIRST = 60
-RENEW = 5  # calls between two estimates of the flow
+RENEW = 4  # calls between two estimates of the flow
 STRENGTH = 0.5  # of TV beside the averages, which take off noise themselves: less helps where there is much of it
 LOUD = 0.35  # sigma above which noise hides the motion: on validation clips better than TV at 0.26, worse at 0.45
-# On eleven pairs of validation clips three smoothings are slower and 0.1 dB worse, on none better; none, after 12
-# steps, gain 0.03 dB more and lose on some.
-SEARCH = Search(steps=8, smoothings=1)
 # Noise that BM3D is told, in units of what the averages leave of sigma. On 17 cases of validation clips, 128 x 128, in
 # the place of one sigma everywhere it gains 0.3 dB (two views of 6 and 10 frames), 0.15 (14) and 0.5 (one of 8), and
 # nothing with noise of 0.03; on none it loses. 1.3 is as good with one view, 0.2 dB worse with two.
@@ -33,10 +30,10 @@ FAINT = 1e-4  # of the range of x: smaller differences than that are not worth a
 class Flow:
     """Each frame of a view averaged with its neighbours along their motion, on top of total variation.
 
-    The first 60 calls are those of :class:`priors.tv.TV`, and so are all with a sigma above 0.35. Then every fifth call
-    estimates the optical flow from each frame straight to each of its neighbours (never chained: chains drift) and how
-    far to trust it: where the flow there and the flow back do not cancel, or where the warped neighbour differs from
-    the frame, it counts little. Every call denoises the frames on their own, by TV, and averages each with its
+    The first 60 calls are those of :class:`priors.tv.TV`, and so are all with a sigma above 0.35. Then every fourth
+    call estimates the optical flow from each frame straight to each of its neighbours (never chained: chains drift), and
+    how far to trust it: where the flow there and the flow back do not cancel, or where the warped neighbour differs
+    from the frame, it counts little. Every call denoises the frames on their own, by TV, and averages each with its
     neighbours, warped onto it, by these weights; :class:`priors.bm3d.BM3D`, told 1.6 times the noise that this leaves
     in each pixel, filters what comes of it, and has clips of one frame for itself. Clips below 32 pixels a side show no
     motion and are left to TV.
@@ -124,7 +121,7 @@ class Flow:
     def _averaged(self, v: np.ndarray, sigma: float) -> np.ndarray:
         """Each frame of v (V, B, H, W) averaged with its neighbours along their motion."""
         if (self._calls - self.first) % RENEW == 1 or not self._motion:
-            seeing = self.neighbours, self.tolerance * sigma, self.drift, SEARCH
+            seeing = self.neighbours, self.tolerance * sigma, self.drift
             before = self._motion or [None] * len(v)
             self._motion = [measure(view, *seeing, motion) for view, motion in zip(v, before)]
             self._left = np.stack([GRAIN * seen.remaining for seen in self._motion])
@@ -141,4 +138,4 @@ class Flow:
         if not self._motion:
             return x
         self._motion, self._left = [], self._left[:0]  # a further call measures anew; until then they would take memory
-        return finished(x, sigma, self.neighbours, self.drift, SEARCH)
+        return finished(x, sigma, self.neighbours, self.drift)

@@ -14,7 +14,10 @@ from . import _match_kernels as matches
 
 SMALLEST = 32  # pixels a side that optical flow needs
 BLUR = 0.7  # pixels: of the pictures that flow is estimated from
-HALVED = 0.8  # part of a difference that is left when frames are halved
+# Steps of gradient descent for each patch, then smoothings of the whole flow. On validation clips 3 smoothings are
+# slower and no better for `video`, 0.1 dB worse for `flow`.
+STEPS, SMOOTHINGS = 8, 1
+HALVED = 0.7  # part of a difference that is left when frames are halved
 # Difference, in units of the solver's sigma, at which neighbours count 1/e for a frame of a last estimate, which shows
 # finer ones than what comes from a measurement. Six cases of validation clips gain with `video` 0.08 dB (two views of
 # 10 frames), 0.15 (one of 8), 0.04 (noise of 0.03 of max(y)); with half of it less; with 0.75 cases lose up to 0.16.
@@ -53,23 +56,11 @@ class Motion:
         return left
 
 
-@dataclass(frozen=True)
-class Search:
-    """How hard flow is looked for: steps of gradient descent for each patch, then smoothings of the whole."""
-
-    steps: int
-    smoothings: int
-
-
-def measure(
-    view: np.ndarray, neighbours: int, tolerance: float, drift: float, search: Search, before: Motion | None = None
-) -> Motion:
+def measure(view: np.ndarray, neighbours: int, tolerance: float, drift: float, before: Motion | None = None) -> Motion:
     """The motion of a view (B, H, W), C-ordered, values about [0, 1], from each frame to those up to `neighbours` away.
 
-    `tolerance` is the difference, `drift` the distance in pixels between there and back, at which the weight is 1/e;
-    `search` says how hard the flow is looked for, from the motion `before`, if any: of an earlier estimate of the view.
-    In each pixel the flow found may give way to a steady motion, or to its surroundings', where frames match better by
-    that. They are compared twice, at half their size: as they are, and averaged by the weights that come of it.
+    `tolerance` is the difference, `drift` the distance in pixels between there and back, at which the weight is 1/e.
+    The search for the flow begins with the motion `before`, if any: of an earlier estimate of the view.
     """
     import cv2
 
@@ -77,81 +68,95 @@ def measure(
     near = [(b, n) for b in range(frames) for n in range(frames) if 0 < abs(b - n) <= neighbours]
     pairs = np.array(near, np.int64)
     first = np.searchsorted(pairs[:, 0], np.arange(frames + 1)).astype(np.int64)
-    half = (width + 1) // 2, (height + 1) // 2
-    scale = averages.FRACTION * np.divide(half, (width, height), dtype=np.float32)  # of flow as stored, in full pixels
-    small = np.stack([cv2.resize(f, half, interpolation=cv2.INTER_AREA) for f in view])
-    pictures = [cv2.GaussianBlur(np.clip(f, 0, 1), (0, 0), BLUR) for f in view.astype(np.float32)]
-    pictures = [np.round(255 * p).astype(np.uint8) for p in pictures]
-    flow = np.empty((len(near), half[1], half[0], 2), np.int16)
+    small = np.stack([cv2.resize(f, ((width + 1) // 2, (height + 1) // 2), interpolation=cv2.INTER_AREA) for f in view])
+    close = view.dtype.type(HALVED * tolerance)
 
-    def estimate(p: int) -> None:
-        b, n = near[p]
-        # Dense inverse search made anew each time: on small pictures it changes its scales, and it keeps them.
-        dis = cv2.DISOpticalFlow.create(cv2.DISOPTICAL_FLOW_PRESET_MEDIUM)
-        dis.setPatchStride(4)  # a third quicker than 3 pixels, and as accurate here
-        dis.setGradientDescentIterations(search.steps)
-        dis.setVariationalRefinementIterations(search.smoothings)
-        begin = None if before is None else before.flow[p] / np.float32(averages.FRACTION)
-        there = dis.calc(pictures[b], pictures[n], begin)  # type: ignore[call-overload, arg-type]
-        flow[p] = _stored(cv2.resize(there, half, interpolation=cv2.INTER_AREA) * scale)
-
-    _for_each(len(near), estimate)
-    distance = np.empty(flow.shape[:3], view.dtype)
-    matches.differ(small, flow, pairs, distance)
-    real = view.dtype.type
-    close = real(HALVED * tolerance)
-    candidate = np.empty_like(flow)
-    for source, share in (_opposite(near), _farthest(near)):
-        matches.steady(flow, source, share, candidate)
-        matches.choose(small, candidate, pairs, flow, distance)
-    matches.smooth(flow, distance, close, candidate)
-    matches.choose(small, candidate, pairs, flow, distance)
-
-    trust, weights = np.empty(flow.shape[:3], np.uint8), np.empty(flow.shape[:3], np.uint8)
-    place = {pair: p for p, pair in enumerate(near)}
-    matches.consistency(flow, pairs, np.array([place[n, b] for b, n in near], np.int64), drift / 2, trust)
+    flow = _searched(view, pairs, small.shape[1:], before)
+    distance = _chosen(small, near, neighbours, close, flow)
+    trust, weights = np.empty((2, *distance.shape), np.uint8)
+    reverse = np.array([near.index((n, b)) for b, n in near])
+    matches.consistency(flow, pairs, reverse, drift / 2, trust)
     matches.weigh(distance, trust, close, weights)
     pilot = np.empty_like(small)  # frames already averaged are cleaner, and tell better which of them are alike
     averages.average(small, flow, weights, pairs, first, pilot)
     matches.differ(pilot, flow, pairs, distance)
     matches.weigh(distance, trust, close, weights)
+    return _enlarged(Motion(pairs, first, flow, weights), height, width)
 
-    motion = Motion(
-        pairs, first, np.empty((len(near), height, width, 2), np.int16), np.empty((len(near), height, width), np.uint8)
-    )
+
+def _searched(view: np.ndarray, pairs: np.ndarray, half: tuple[int, ...], before: Motion | None) -> np.ndarray:
+    """The flow of each pair of frames as dense inverse search finds it, for pictures of `half` the height and width."""
+    import cv2
+
+    pictures = [cv2.GaussianBlur(np.clip(f, 0, 1), (0, 0), BLUR) for f in view.astype(np.float32)]
+    pictures = [np.round(255 * p).astype(np.uint8) for p in pictures]
+    flow = np.empty((len(pairs), *half, 2), np.int16)
+
+    def search(p: int) -> None:
+        # Made anew each time: on small pictures it changes its scales, and it keeps them.
+        dis = cv2.DISOpticalFlow.create(cv2.DISOPTICAL_FLOW_PRESET_MEDIUM)
+        dis.setPatchStride(4)  # a third quicker than 3 pixels, and as accurate here
+        dis.setGradientDescentIterations(STEPS)
+        dis.setVariationalRefinementIterations(SMOOTHINGS)
+        begin = None if before is None else before.flow[p] / np.float32(averages.FRACTION)
+        b, n = pairs[p]
+        found = dis.calc(pictures[b], pictures[n], begin)  # type: ignore[call-overload, arg-type]
+        flow[p] = _resized(averages.FRACTION * found, half)
+
+    _for_each(len(pairs), search)
+    return flow
+
+
+def _chosen(
+    small: np.ndarray, near: list[tuple[int, int]], neighbours: int, close: np.floating, flow: np.ndarray
+) -> np.ndarray:
+    """How frames of `small` differ along the flow of each pair in `near`, which gives way to what matches better.
+
+    In each pixel that is the flow of a motion as steady as between other frames, one as far on the other side or the
+    farthest on the same; or the flow of its surroundings, where frames differ by less than `close` above all.
+    """
+    last, place = len(small) - 1, {pair: p for p, pair in enumerate(near)}
+    opposite = [place.get((b, 2 * b - n), p) for p, (b, n) in enumerate(near)]
+    farthest = [place[b, min(b + neighbours, last) if n > b else max(b - neighbours, 0)] for b, n in near]
+    pairs, candidate = np.array(near, np.int64), np.empty_like(flow)
+    distance = np.empty(flow.shape[:3], small.dtype)
+    matches.differ(small, flow, pairs, distance)
+    steps = pairs[:, 1] - pairs[:, 0]
+    for source in (opposite, farthest):
+        matches.steady(flow, np.array(source), (steps / steps[source]).astype(np.float32), candidate)
+        matches.choose(small, candidate, pairs, flow, distance)
+    matches.smooth(flow, distance, close, candidate)
+    matches.choose(small, candidate, pairs, flow, distance)
+    return distance
+
+
+def _enlarged(motion: Motion, height: int, width: int) -> Motion:
+    """The motion of pictures of this size, from that of pictures half as large."""
+    import cv2
+
+    flow = np.empty((len(motion.pairs), height, width, 2), np.int16)
+    weights = np.empty(flow.shape[:3], np.uint8)
 
     def enlarge(p: int) -> None:
-        there = cv2.resize(flow[p].astype(np.float32), (width, height), interpolation=cv2.INTER_LINEAR)
-        motion.flow[p] = _stored(there * (averages.FRACTION / scale))
-        motion.weights[p] = cv2.resize(weights[p], (width, height), interpolation=cv2.INTER_LINEAR)
+        flow[p] = _resized(motion.flow[p].astype(np.float32), (height, width))
+        weights[p] = cv2.resize(motion.weights[p], (width, height), interpolation=cv2.INTER_LINEAR)
 
-    _for_each(len(near), enlarge)
-    return motion
-
-
-def _stored(flow: np.ndarray) -> np.ndarray:
-    """Flow in 64ths of a pixel as int16."""
-    limit = np.iinfo(np.int16).max
-    return np.clip(np.rint(flow), -limit, limit).astype(np.int16)
+    _for_each(len(flow), enlarge)
+    return Motion(motion.pairs, motion.first, flow, weights)
 
 
-def _opposite(near: list[tuple[int, int]]) -> tuple[np.ndarray, np.ndarray]:
-    """For each pair (b, n) the pair of b and the frame as far on its other side, or itself; and what of its flow."""
-    place = {pair: p for p, pair in enumerate(near)}
-    source = np.array([place.get((b, 2 * b - n), p) for p, (b, n) in enumerate(near)])
-    return source, np.where(source == np.arange(len(near)), 1, -1).astype(np.float32)
+def _resized(flow: np.ndarray, shape: tuple[int, ...]) -> np.ndarray:
+    """Flow (H, W, 2), float32, between pictures of another size, as int16."""
+    import cv2
+
+    rows, columns = shape
+    larger = rows > len(flow)
+    resized = cv2.resize(flow, (columns, rows), interpolation=cv2.INTER_LINEAR if larger else cv2.INTER_AREA)
+    resized *= np.array([columns / flow.shape[1], rows / flow.shape[0]], np.float32)
+    return np.clip(np.rint(resized), -matches.LIMIT, matches.LIMIT).astype(np.int16)
 
 
-def _farthest(near: list[tuple[int, int]]) -> tuple[np.ndarray, np.ndarray]:
-    """For each pair (b, n) that of b and the farthest frame on the same side; and what of its flow."""
-    side = [[m for c, m in near if c == b and (m > b) == (n > b)] for b, n in near]
-    far = [max(those, key=lambda m: abs(m - b)) for (b, _), those in zip(near, side)]
-    place = {pair: p for p, pair in enumerate(near)}
-    source = np.array([place[b, m] for (b, _), m in zip(near, far)])
-    return source, np.array([(n - b) / (m - b) for (b, n), m in zip(near, far)], np.float32)
-
-
-def finished(x: np.ndarray, sigma: float, neighbours: int, drift: float, search: Search) -> np.ndarray:
+def finished(x: np.ndarray, sigma: float, neighbours: int, drift: float) -> np.ndarray:
     """A solver's last estimate (V, B, H, W), averaged along the motion that it shows itself.
 
     `sigma` is the solver's, the other arguments are those of :func:`measure`. Done in every iteration it is worth as
@@ -159,7 +164,7 @@ def finished(x: np.ndarray, sigma: float, neighbours: int, drift: float, search:
     """
     out = np.empty_like(x)
     for view, mean in zip(x, out):
-        measure(view, neighbours, CERTAIN * sigma, drift, search).average(view, mean)
+        measure(view, neighbours, CERTAIN * sigma, drift).average(view, mean)
     return out
 
 

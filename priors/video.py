@@ -12,13 +12,12 @@ from pnp_sci.errors import InputError
 
 from ._learned import LIMIT, Learned
 from .ffdnet import FFDNet
-from .motion import SMALLEST, Motion, Search, finished, measure
+from .motion import SMALLEST, Motion, finished, measure
 
 NEIGHBOURS = 3  # frames either side that help a frame
-TOLERANCE = 0.75  # difference between a frame and its warped neighbour at which that counts 1/e, in units of sigma
+TOLERANCE = 0.85  # difference between a frame and its warped neighbour at which that counts 1/e, in units of sigma
 DRIFT = 1.5  # pixels between going there and back along the flow at which a neighbour counts 1/e
 SHARP = 0.7  # part of sigma that the image net is told where frames are to show motion: detail tells more than grain
-SEARCH = Search(steps=5, smoothings=3)  # on validation clips 8 steps are no better; without smoothing 0.3 dB are lost
 SETTLED = 2  # calls for each frame of all views after which estimates flicker more than they improve
 FAINT = 1e-4  # sigma below which an average is not worth it
 
@@ -112,7 +111,7 @@ class VideoDenoiser(Learned):
         if not self._motion:
             return x
         self._motion = []  # a further call measures it anew; until then it would take memory
-        return finished(x, sigma, NEIGHBOURS, DRIFT, SEARCH)
+        return finished(x, sigma, NEIGHBOURS, DRIFT)
 
 
 def see(image: FFDNet, x: np.ndarray, sigma: float, before: list[Motion] | None = None) -> list[Motion]:
@@ -121,7 +120,7 @@ def see(image: FFDNet, x: np.ndarray, sigma: float, before: list[Motion] | None 
     The search begins with the motion `before` of earlier estimates of the views.
     """
     views = zip(image(x, SHARP * sigma), before or [None] * len(x))
-    return [measure(view, NEIGHBOURS, TOLERANCE * sigma, DRIFT, SEARCH, motion) for view, motion in views]
+    return [measure(view, NEIGHBOURS, TOLERANCE * sigma, DRIFT, motion) for view, motion in views]
 
 
 def averaged(x: np.ndarray, sigma: float, motion: list[Motion]) -> tuple[np.ndarray, np.ndarray]:

@@ -12,8 +12,8 @@ from pnp_sci.errors import InputError
 from priors import assisted, flow
 from priors._flow_kernels import FRACTION
 from priors._match_kernels import choose, consistency, differ, smooth, steady
-from priors.flow import SEARCH, Flow
-from priors.motion import _farthest, _opposite, measure
+from priors.flow import Flow
+from priors.motion import _chosen, measure
 from priors.tv import TV
 
 KINDS = [Flow, *([assisted.video] if find_spec("torch") else [])]
@@ -28,14 +28,14 @@ def moving():
 
 
 def test_the_flow_is_that_of_the_scene(moving):
-    motion = measure(moving[0], neighbours=2, tolerance=0.1, drift=1.5, search=SEARCH)
+    motion = measure(moving[0], neighbours=2, tolerance=0.1, drift=1.5)
     for (b, n), field in zip(motion.pairs, motion.flow / 64):
         np.testing.assert_allclose(np.median(field, axis=(0, 1)), (2 * (n - b), n - b), atol=0.1)
 
 
 def test_averaging_along_motion_keeps_the_scene_and_lowers_noise(moving):
     rng = np.random.default_rng(0)
-    motion = measure(moving[0], neighbours=3, tolerance=0.2, drift=1.5, search=SEARCH)
+    motion = measure(moving[0], neighbours=3, tolerance=0.2, drift=1.5)
     same, less = np.empty_like(moving[0]), np.empty_like(moving[0])
     motion.average(moving[0], same)
     inner = (slice(None), slice(16, -16), slice(16, -16))
@@ -48,7 +48,7 @@ def test_averaging_along_motion_keeps_the_scene_and_lowers_noise(moving):
 def test_strangers_do_not_help():
     """Frames without anything in common are left alone."""
     frames = np.random.default_rng(0).random((3, 64, 64)).astype(np.float32)
-    motion = measure(frames, neighbours=2, tolerance=0.05, drift=1.5, search=SEARCH)
+    motion = measure(frames, neighbours=2, tolerance=0.05, drift=1.5)
     assert motion.weights.mean() < 2.55
 
 
@@ -165,13 +165,21 @@ def test_flow_is_chosen_where_frames_match_better_by_it():
 
 
 def test_steady_motion_is_taken_from_other_pairs():
-    near = [(b, n) for b in range(4) for n in range(4) if 0 < abs(b - n) <= 2]
-    for source, share in (_opposite(near), _farthest(near)):
-        for (b, n), s, part in zip(near, source, share):
-            assert near[s][0] == b
-            assert (near[s][1] - b) * part == n - b
-    assert [near[s] for s in _opposite(near)[0]][near.index((1, 2))] == (1, 0)
-    assert [near[s] for s in _farthest(near)[0]][near.index((0, 1))] == (0, 2)
+    """The flow between two frames is wrong, and half of that between another two."""
+    picture = gaussian_filter(np.random.default_rng(0).standard_normal((60, 80)), 1).astype(np.float32)
+    small = np.stack([picture[8 + b : 48 + b, 8 + 2 * b : 60 + 2 * b] for b in range(5)])
+    near = [(b, n) for b in range(5) for n in range(5) if 0 < abs(b - n) <= 2]
+    right = np.stack([np.full((40, 52, 2), [-2 * FRACTION * (n - b), -FRACTION * (n - b)], np.int16) for b, n in near])
+    flow = right.copy()
+    flow[near.index((2, 3))] = 0
+    flow[near.index((0, 1)), :, 26:] = 0
+    distance = _chosen(small, near, 2, np.float32(0.1), flow)
+    inner = np.s_[:, 12:-12, 12:-12]
+    np.testing.assert_array_equal(flow[inner], right[inner])
+    np.testing.assert_allclose(distance[inner], 0, atol=1e-8)
+
+
+def test_scaled_flow_stays_within_its_type():
     flow = np.random.default_rng(0).integers(-32767, 32768, (2, 3, 4, 2)).astype(np.int16)
     out = np.empty_like(flow)
     steady(flow, np.array([1, 0]), np.array([-0.5, 3], np.float32), out)

@@ -11,7 +11,7 @@ from pnp_sci.errors import DataUnavailableError, FormatError, InputError, InputT
 from priors import video
 from priors.ffdnet import FFDNet
 from priors.motion import measure
-from priors.video import SEARCH, VideoDenoiser
+from priors.video import VideoDenoiser
 
 torch = pytest.importorskip("torch")
 save_file = pytest.importorskip("safetensors.torch").save_file
@@ -130,7 +130,7 @@ def test_motion_serves_several_calls_until_it_is_forgotten(weights, monkeypatch)
 def test_what_averages_leave_of_noise():
     """Of white noise, as `Motion.remaining` says."""
     x = scene(64)[0]
-    motion = measure(x, 3, 0.2, 1.5, SEARCH)
+    motion = measure(x, 3, 0.2, 1.5)
     white = np.random.default_rng(0).standard_normal((20, *x.shape), np.float32)
     left = np.empty_like(white)
     for noise, out in zip(white, left):
