@@ -73,7 +73,7 @@ def measure(view: np.ndarray, neighbours: int, tolerance: float, drift: float, b
 
     flow = _searched(view, pairs, small.shape[1:], before)
     distance = _chosen(small, near, neighbours, close, flow)
-    trust, weights = np.empty((2, *distance.shape), np.uint8)
+    trust, weights = np.empty(distance.shape, np.uint8), np.empty(distance.shape, np.uint8)
     reverse = np.array([near.index((n, b)) for b, n in near])
     matches.consistency(flow, pairs, reverse, drift / 2, trust)
     matches.weigh(distance, trust, close, weights)
