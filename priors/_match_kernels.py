@@ -97,6 +97,7 @@ def smooth(flow, distance, tolerance, out):
     """out[p] <- flow[p], averaged over its surroundings, in which it counts less where frames match less by it."""
     rows, columns = distance.shape[1:]
     one, inverse = distance.dtype.type(1), distance.dtype.type(1) / (tolerance * tolerance)
+    least = distance.dtype.type(1e-6)  # of running sums of float32
     for p in numba.prange(len(flow)):
         scratch, total, part = np.empty_like(distance[p]), np.empty_like(distance[p]), np.empty_like(distance[p])
         sure = np.empty_like(total)
@@ -115,7 +116,8 @@ def smooth(flow, distance, tolerance, out):
             _box(part, WIDE, scratch)
             for i in range(rows):
                 for j in range(columns):
-                    out[p, i, j, c] = np.int16(np.rint(part[i, j] / total[i, j]))
+                    mean = np.rint(part[i, j] / max(total[i, j], least))
+                    out[p, i, j, c] = np.int16(min(max(mean, -LIMIT), LIMIT))
 
 
 @kernel

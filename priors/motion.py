@@ -17,7 +17,9 @@ BLUR = 0.7  # pixels: of the pictures that flow is estimated from
 # Steps of gradient descent for each patch, then smoothings of the whole flow. On validation clips 3 smoothings are
 # slower and no better for `video`, 0.1 dB worse for `flow`.
 STEPS, SMOOTHINGS = 8, 1
-HALVED = 0.7  # part of a difference that is left when frames are halved
+# Part of a difference that is left when frames are halved. Of 0.6 to 1 best for `flow` on validation clips; `video` is
+# as good with 0.8 to 0.9 of 0.75, the TOLERANCE it had, as with 0.7 of 0.85.
+HALVED = 0.7
 # Difference, in units of the solver's sigma, at which neighbours count 1/e for a frame of a last estimate, which shows
 # finer ones than what comes from a measurement. Six cases of validation clips gain with `video` 0.08 dB (two views of
 # 10 frames), 0.15 (one of 8), 0.04 (noise of 0.03 of max(y)); with half of it less; with 0.75 cases lose up to 0.16.
@@ -60,13 +62,16 @@ def measure(view: np.ndarray, neighbours: int, tolerance: float, drift: float, b
     """The motion of a view (B, H, W), C-ordered, values about [0, 1], from each frame to those up to `neighbours` away.
 
     `tolerance` is the difference, `drift` the distance in pixels between there and back, at which the weight is 1/e.
-    The search for the flow begins with the motion `before`, if any: of an earlier estimate of the view.
+    The search for the flow begins with the motion `before`, if any: of an earlier estimate of the view, with as many
+    neighbours.
     """
     import cv2
 
     frames, height, width = view.shape
     near = [(b, n) for b in range(frames) for n in range(frames) if 0 < abs(b - n) <= neighbours]
     pairs = np.array(near, np.int64)
+    if before is not None and len(before.pairs) != len(pairs):
+        before = None
     first = np.searchsorted(pairs[:, 0], np.arange(frames + 1)).astype(np.int64)
     small = np.stack([cv2.resize(f, ((width + 1) // 2, (height + 1) // 2), interpolation=cv2.INTER_AREA) for f in view])
     close = view.dtype.type(HALVED * tolerance)
@@ -74,8 +79,8 @@ def measure(view: np.ndarray, neighbours: int, tolerance: float, drift: float, b
     flow = _searched(view, pairs, small.shape[1:], before)
     distance = _chosen(small, near, neighbours, close, flow)
     trust, weights = np.empty(distance.shape, np.uint8), np.empty(distance.shape, np.uint8)
-    reverse = np.array([near.index((n, b)) for b, n in near])
-    matches.consistency(flow, pairs, reverse, drift / 2, trust)
+    place = {pair: p for p, pair in enumerate(near)}
+    matches.consistency(flow, pairs, np.array([place[n, b] for b, n in near]), drift / 2, trust)
     matches.weigh(distance, trust, close, weights)
     pilot = np.empty_like(small)  # frames already averaged are cleaner, and tell better which of them are alike
     averages.average(small, flow, weights, pairs, first, pilot)

@@ -39,8 +39,9 @@ class VideoDenoiser(Learned):
         Torch device such as ``"cuda"`` for the networks; by default the CPU, in bfloat16 where the processor multiplies
         it natively.
     renew : int
-        The motion is measured in every so many-th call and serves until then: for the estimates of a solver, which
-        change little from call to call. :meth:`reset`, or another shape of x, forgets it.
+        The motion is measured in every so many-th call and serves until then; with more than 1, the next search begins
+        with it: for the estimates of a solver, which change little from call to call. :meth:`reset`, or another shape
+        of x, forgets it.
 
     Raises
     ------

@@ -13,7 +13,7 @@ from priors import assisted, flow
 from priors._flow_kernels import FRACTION
 from priors._match_kernels import choose, consistency, differ, smooth, steady
 from priors.flow import Flow
-from priors.motion import _chosen, measure
+from priors.motion import Motion, _chosen, measure
 from priors.tv import TV
 
 KINDS = [Flow, *([assisted.video] if find_spec("torch") else [])]
@@ -165,18 +165,39 @@ def test_flow_is_chosen_where_frames_match_better_by_it():
 
 
 def test_steady_motion_is_taken_from_other_pairs():
-    """The flow between two frames is wrong, and half of that between another two."""
+    """The flow between two frames is wrong, half of that between another two, and all flow in a small hole."""
     picture = gaussian_filter(np.random.default_rng(0).standard_normal((60, 80)), 1).astype(np.float32)
     small = np.stack([picture[8 + b : 48 + b, 8 + 2 * b : 60 + 2 * b] for b in range(5)])
     near = [(b, n) for b in range(5) for n in range(5) if 0 < abs(b - n) <= 2]
     right = np.stack([np.full((40, 52, 2), [-2 * FRACTION * (n - b), -FRACTION * (n - b)], np.int16) for b, n in near])
     flow = right.copy()
-    flow[near.index((2, 3))] = 0
-    flow[near.index((0, 1)), :, 26:] = 0
+    flow[near.index((2, 4))] = 0  # (2, 0) says what it is
+    flow[near.index((0, 1)), :, 26:] = 0  # (0, 2) does
     distance = _chosen(small, near, 2, np.float32(0.1), flow)
     inner = np.s_[:, 12:-12, 12:-12]
     np.testing.assert_array_equal(flow[inner], right[inner])
     np.testing.assert_allclose(distance[inner], 0, atol=1e-8)
+    flow[:, 18:21, 24:27] = 0
+    _chosen(small, near, 2, np.float32(0.1), flow)
+    assert np.abs(flow - right)[:, 19, 25].max() < FRACTION
+
+
+@pytest.mark.parametrize("shape", [(96, 96), (97, 99)])
+def test_search_begins_with_earlier_motion(shape):
+    """A picture moves too far to be found: from scratch it is not, from where it is known it is, and is believed."""
+    rows, columns = shape
+    picture = gaussian_filter(np.random.default_rng(0).standard_normal((rows, columns + 20)), 1).astype(np.float32)
+    view = 0.5 + np.stack([picture[:, 20:], picture[:, :columns]])
+    lost = measure(view, neighbours=1, tolerance=0.1, drift=1.5)
+    known = np.zeros_like(lost.flow)
+    known[0, ..., 0], known[1, ..., 0] = 20 * FRACTION, -20 * FRACTION
+    found = measure(view, 1, 0.1, 1.5, Motion(lost.pairs, lost.first, known, lost.weights))
+    inner = np.s_[:, 24:-24, 24:-24]
+    assert np.median(np.abs(found.flow - known)[inner]) < FRACTION / 4
+    assert found.weights[inner].mean() > 200
+    assert lost.weights[inner].mean() < 20
+    others = Motion(lost.pairs[:1], lost.first, known[:1], lost.weights[:1])
+    np.testing.assert_array_equal(measure(view, 1, 0.1, 1.5, others).flow, lost.flow)
 
 
 def test_scaled_flow_stays_within_its_type():
