@@ -18,8 +18,8 @@ from .tv import TV
 # view nothing.
 FIRST = 60
 RENEW = 4  # calls between two estimates of the flow
-# Strength of TV beside the averages, which take off noise themselves. On 18 cases of validation clips 0.25 gains 0.05 dB
-# over 0.5, with 6 and 14 frames 0.1, and loses 0.04 with noise of 0.03.
+# Strength of TV beside the averages, which take off noise themselves. On 18 cases of validation clips 0.25 gains 0.05
+# dB over 0.5, with 6 and 14 frames 0.1, and loses 0.04 with noise of 0.03.
 STRENGTH = 0.25
 LOUD = 0.35  # sigma above which noise hides the motion: on validation clips better than TV at 0.26, worse at 0.45
 # Noise that BM3D is told, in units of what the averages leave of sigma. On 17 cases of validation clips, 128 x 128, in
