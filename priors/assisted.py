@@ -108,7 +108,9 @@ class Assisted:
             return self.without(x, sigma)
         if sigma > 0 and self._last is not None and self._calls > FIRST:
             x = within(DEMAND * sigma, x, self._last)
-        self._last = self.net(self.beside(x, sigma), min(self.stronger * sigma, MOST), self._calls)
+        told = min(self.stronger * sigma, MOST)
+        untold = self.stronger * sigma / told if told else 1.0  # of the noise the network hears no more: TV's share grows
+        self._last = self.net(self.beside(x, untold * sigma), told, self._calls)
         return self._last.copy()
 
     @property
