@@ -31,8 +31,8 @@ FIRST = 30  # calls of TV before the network sees anything: estimates before tha
 # ... and before the video net does. On validation clips, 128 x 128, and with 30 calls after them, 60 gain 0.2 dB in the
 # place of 30 from the adjoint and up to 0.1 from `ofanet-fast`; only with one view of 16 frames they lose 0.05 dB.
 FIRST_OF_VIDEO = 60
-# Strength of TV, against the grain that the network leaves; it also keeps 500 iterations stable. For the video net, 0.25
-# gains 0.05 dB on clips of the validation, and loses 0.2 and 0.6 with noise of 0.1 and 0.2 of max(y).
+# Strength of TV, against the grain that the network leaves; it also keeps 500 iterations stable. For the video net,
+# 0.25 gains 0.05 dB on clips of the validation, and loses 0.2 and 0.6 with noise of 0.1 and 0.2 of max(y).
 BESIDE = 0.4
 # Root mean square, in sigmas, of what a view may bring anew, after FIRST calls. What a network does not believe the
 # solver demands ever more loudly, until it is drawn all the same, where the scene is simple: there a pair of clips of
