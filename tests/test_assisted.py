@@ -66,6 +66,13 @@ def test_the_network_denoises_more_than_the_solver_asks_for_within_its_training(
     assert denoise.net.sigmas == [1.5 * 0.02, MOST]
 
 
+def test_tv_takes_what_the_network_is_not_told(monkeypatch):
+    denoise, sigmas = assisted(0), []
+    monkeypatch.setattr(TV, "__call__", lambda self, x, sigma: sigmas.append(sigma) or x)
+    served(denoise, [0.02, 0.5])
+    assert sigmas == pytest.approx([0.02, 0.5 * 1.5 * 0.5 / MOST])
+
+
 @given(noisy=st.floats(0.05, 1), noisier=st.floats(1, 3), most=st.integers(1, 300))
 def test_noise_leaves_fewer_iterations_of_use(noisy, noisier, most):
     less, more = Schedule(0.1, 1, noisy).enough(most), Schedule(0.1, 1, noisy * noisier).enough(most)
