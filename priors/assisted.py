@@ -32,8 +32,8 @@ FIRST = 30  # calls of TV before the network sees anything: estimates before tha
 # place of 30 from the adjoint and up to 0.1 from `ofanet-fast`; only with one view of 16 frames they lose 0.05 dB.
 FIRST_OF_VIDEO = 60
 # Strength of TV before the networks, against the grain that they leave; it also keeps 500 iterations stable: with 0.25
-# before the video net they fall by 0.7 dB on a crop of 64 x 64. With 0.4 19 cases of validation clips lose 0.05 dB. Where the network is told MOST, TV grows with the
-# rest: with noise of 0.1 and 0.2 of max(y) that gains 0.2 and 0.5 dB on three cases each.
+# before the video net they fall by 0.7 dB on a crop of 64 x 64; with 0.4, 19 cases of validation clips lose 0.05 dB.
+# Where the network is told MOST, TV grows with the rest: with noise of 0.1 and 0.2 of max(y) that gains 0.2 and 0.5 dB.
 BESIDE_IMAGE, BESIDE_VIDEO = 0.4, 0.3
 # Root mean square, in sigmas, of what a view may bring anew, after FIRST calls. What a network does not believe the
 # solver demands ever more loudly, until it is drawn all the same, where the scene is simple: there a pair of clips of
