@@ -55,7 +55,7 @@ class Assisted:
     without : TV
         What denoises while the network does not.
     beside : TV
-        What x passes through before the network sees it.
+        What x passes through before the network sees it, told more than sigma where the network cannot be told enough.
     stronger : float
         Sigma that the network is told, in units of the solver's, > 0.
     first : int

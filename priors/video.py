@@ -17,7 +17,9 @@ from .motion import SMALLEST, Motion, finished, measure
 NEIGHBOURS = 3  # frames either side that help a frame
 TOLERANCE = 0.85  # difference between a frame and its warped neighbour at which that counts 1/e, in units of sigma
 DRIFT = 1.5  # pixels between going there and back along the flow at which a neighbour counts 1/e
-SHARP = 0.7  # part of sigma that the image net is told where frames are to show motion: detail tells more than grain
+# Part of sigma that the image net is told where frames are to show motion: detail tells more than grain. On validation
+# clips 1 is 0.06 dB worse.
+SHARP = 0.7
 SETTLED = 2  # calls for each frame of all views after which estimates flicker more than they improve
 FAINT = 1e-4  # sigma below which an average is not worth it
 
