@@ -94,7 +94,8 @@ def _decoded(op: SensingOperator, y: np.ndarray, device: str | None, refine: boo
         measurement = torch.from_numpy((y[rows] * (BRIGHTNESS / largest)).astype(np.float32))[None].to(place)
         half = torch.autocast(place.type, torch.bfloat16, enabled=half_precision(place))
         with as_many_threads(), torch.inference_mode(), half:
-            return network(measurement, masks, refine).refined[0].float().cpu().numpy() / np.float32(BRIGHTNESS)
+            estimates = network(measurement, masks, refine, orders=views)
+            return estimates.refined[0].float().cpu().numpy() / np.float32(BRIGHTNESS)
 
     if refine and network.refiners:  # flows see far
         x = estimate(slice(None)).astype(op.dtype)

@@ -53,7 +53,7 @@ class OFaNet(nn.Module):
             self.refiners = nn.ModuleList()
 
     def forward(
-        self, y: torch.Tensor, masks: torch.Tensor, refine: bool = True, window: slice = slice(None)
+        self, y: torch.Tensor, masks: torch.Tensor, refine: bool = True, window: slice = slice(None), orders: int = 1
     ) -> Estimates:
         """Decode measurements.
 
@@ -67,19 +67,32 @@ class OFaNet(nn.Module):
             False stops behind the separator.
         window : slice
             The frames that are refined, for training on a part of them: those are the refined video.
+        orders : int
+            The separator's video is the mean of so many: each view comes first in one of them. With as many as views,
+            it does not matter which view is the first.
         """
         height, width = y.shape[1:]
         if height % 2 or width % 2:
             padding = (0, width % 2, 0, height % 2)
             y = functional.pad(y[:, None], padding, "replicate")[:, 0]
             masks = functional.pad(masks.flatten(1, 2), padding, "replicate").unflatten(1, masks.shape[1:3])
-        images = diversity(y, masks) if self.config.amplifier else y.new_zeros(len(y), 0, *y.shape[1:])
-        first = self.separator(normalised(y, masks), images, masks)
+        first = torch.stack([self._separated(y, masks, v) for v in range(orders)]).mean(0)
         refined = first[:, :, window]
         if refine and self.refiners:
-            residual = normalised(y - (masks * first.float()).sum((1, 2)), masks)
-            refined = self._refined(refined.float(), through(masks[:, :, window], residual), images)
+            residual = normalised(y - (masks * first).sum((1, 2)), masks)
+            evidence = through(masks[:, :, window], residual)
+            refined = self._refined(refined, evidence, self._images(y, masks))
         return Estimates(first[..., :height, :width], refined[..., :height, :width])
+
+    def _images(self, y: torch.Tensor, masks: torch.Tensor) -> torch.Tensor:
+        """The images D (N, 2 V, H, W), or none of them without the amplifier."""
+        return diversity(y, masks) if self.config.amplifier else y.new_zeros(len(y), 0, *y.shape[1:])
+
+    def _separated(self, y: torch.Tensor, masks: torch.Tensor, view: int) -> torch.Tensor:
+        """The separator's video (N, V, B, H, W), float32, when the masks come to it with those of `view` first."""
+        turned = masks.roll(-view, 1)
+        video = self.separator(normalised(y, turned), self._images(y, turned), turned)
+        return video.float().roll(view, 1)
 
     def _refined(self, first: torch.Tensor, evidence: torch.Tensor, images: torch.Tensor) -> torch.Tensor:
         """All views at once, with the same weights; evidence: (N, V, B, 2, H, W)."""

@@ -32,6 +32,7 @@ from .problem import Problem, check_measurement, check_noise, check_operator, po
 from .result import History, Record, Result, Status
 from .scene import SceneModel, full
 from .schedule import Schedule, contrast, schedule_for
+from .second import share
 from .sensor import Sensor, warn_if_saturated
 from .solvers import ALGORITHMS, State
 from .threads import limited
@@ -85,7 +86,9 @@ def solve(
     init : str, array_like (V, B, H, W), or callable
         The first estimate: "adjoint", an installed initialiser, or a video in the units of the result. "auto" is
         "ofanet-fast" on the CPU beside a learned prior (alone or joined by "+"), where there are weights for so many
-        views and frames, and else "adjoint".
+        views and frames, and else "adjoint". An initialiser that is a decoder too, as both of OFaNet are, counts in the
+        result where there is noise, up to 0.3: the two err differently. ``Result.settings["share"]`` says how much, for
+        each measurement and each view that was modelled.
     algorithm : "gap", "plain-gap" or "admm"
         "gap" is accelerated, with a regularised projection where there is noise.
     effort : "fast", "balanced" or "best"
@@ -119,7 +122,8 @@ def solve(
     callback : callable, optional
         Called with each `State`; a true value stops the solver. With a restless prior (`video` after two calls a frame,
         `bm3d` and `flow` after ten) its x and residual are those of a mean, while the solver goes on from what it has.
-        What a prior makes of the last estimate (`flow` and `video` average it along its motion) it does not see.
+        What becomes of the last estimate (`flow` and `video` average it along its motion, a decoder's estimate may
+        count in it) it does not see.
     progress : bool
         Show a progress bar.
     device : str, optional
@@ -186,7 +190,7 @@ def solve(
     warn_if_saturated(noise, measurements)
 
     videos = np.empty((len(measurements), *op.shape), op.dtype)
-    statuses, records, problems, scenes, allowed, starts = [], [], [], [], [], set()
+    statuses, records, problems, scenes, allowed, shares, starts = [], [], [], [], [], [], set()
     with limited(threads), _bar(progress, at_most * len(measurements)) as advance:
 
         def observe(state: State, record: Record) -> bool:
@@ -203,17 +207,25 @@ def solve(
             reduced = model.reduce(op)
             name, start = first_estimate(init, problem, learned)
             starts.add(name)
+            start = model.restrict(start)
             states = iterate(
-                reduced, problem.y, denoiser, model.restrict(start),
+                reduced, problem.y, denoiser, start,
                 algorithm=algorithm, noise=problem.noise, sigma=sigma, saturated=problem.saturated,
             )  # fmt: skip
+            other = start if name in registry.available("decoders") else None
+            parts = np.zeros(reduced.shape[0], op.dtype)
             del start  # it is freed after the first step
 
             def score(x: np.ndarray, n: int = n, model: SceneModel = model, unit: float = problem.unit):
                 return truth.psnr(model.expand(x, op.shape), n, unit) if truth else None
 
-            def finish(state: State, problem: Problem = problem, reduced: SensingOperator = reduced) -> State:
-                x = shaped("what the prior's finish returns", improve(state.x, state.sigma), reduced.shape, op.dtype)
+            def finish(state: State, problem=problem, reduced=reduced, other=other, parts=parts) -> State:
+                x = state.x
+                if callable(improve):
+                    x = shaped("what the prior's finish returns", improve(x, state.sigma), reduced.shape, op.dtype)
+                if other is not None:
+                    parts[:] = share(problem, x, other)
+                    x = x + parts[:, None, None, None] * (other - x)
                 return replace(state, x=x, residual=problem.y - reduced.forward(x))
 
             described = model.describe(op)
@@ -222,12 +234,13 @@ def solve(
             limits = Limits(allowed[-1], tol * contrast(reduced), deadline, least=first or 0)
             state, status, course = run(
                 states, problem.y, limits, observe, score, problem.saturated, restless,
-                finish if callable(improve) else None,
+                finish if callable(improve) or other is not None else None,
             )  # fmt: skip
             x = model.expand(state.x, op.shape)
             _put(x if np.isfinite(x).all() else np.zeros_like(x), videos[n], problem.unit)
             statuses.append(status)
             problems.append(problem)
+            shares.append(parts.tolist())
             lost = 0 if problem.saturated is None else int(problem.saturated.sum())
             scenes.append(described | {"saturated": lost, "closed": int((op.gram == 0).sum())})
             records += [replace(record, measurement=n) for record in course]
@@ -239,6 +252,7 @@ def solve(
         "prior_options": as_plain(prior_options),
         "weights": weights_of(denoiser),
         "init": starts.pop() if len(starts) == 1 else "auto",
+        "share": shares,
         "algorithm": algorithm,
         "effort": effort,
         "iterations": max(allowed),

@@ -134,6 +134,19 @@ def test_a_window_refines_those_frames_only():
     assert part.first.shape == masks.shape
 
 
+@pytest.mark.parametrize(("views", "dual"), [(2, True), (2, False), (3, True)])
+def test_in_all_orders_no_view_is_the_first(views, dual):
+    """Then the views of the separator's video change places with their masks; in one order they become others."""
+    model = make(views=views, dual=dual, refine="none", flow="none")
+    masks = torch.rand(1, views, 4, 32, 32)
+    y = masks.sum((1, 2))
+    with torch.inference_mode():
+        one, other = (model(y, m).first for m in (masks, masks.roll(1, 1)))
+        assert not torch.allclose(one.roll(1, 1), other, atol=1e-3)
+        there, back = (model(y, m, orders=views).first for m in (masks, masks.roll(1, 1)))
+    assert torch.allclose(there.roll(1, 1), back, atol=1e-5)
+
+
 def test_views_share_the_refine_net():
     """What it makes of a view does not depend on the place of that view."""
     model = make(frames=3)

@@ -16,8 +16,8 @@ INDEPENDENT = 0.1  # portion of batches whose masks have nothing in common; the 
 CAMERA = 0.5  # portion of moving masks with the step and shift of the benchmark's camera (see pnp_sci.masks)
 REACH, SHIFT = 2, 30  # largest step between frames and shift between views of the others, in pixels
 LEAK = 0.2  # portion of masks that let some light through where they are closed
-NOISY = 0.2  # portion of measurements with noise ...
-LOUDEST = 0.05  # ... of at most this part of their maximum
+NOISY = 0.3  # portion of measurements with noise ...
+LOUDEST = 0.2  # ... of at most this part of their maximum, half of them at most a quarter of that
 
 
 @dataclass(frozen=True)
@@ -130,5 +130,6 @@ def batch(scenes: Scenes, seed: int, rank: int, step: int, shape: tuple[int, int
     masks = random_masks(random, shape)
     y = (masks * truth).sum((1, 2))
     level = torch.rand(samples, 2, device=scenes.device, generator=random)
-    sigma = torch.where(level[:, 0] < NOISY, LOUDEST * level[:, 1], 0)[:, None, None] * y.amax((1, 2), keepdim=True)
+    part = torch.where(level[:, 0] < NOISY, LOUDEST * level[:, 1] ** 2, 0)
+    sigma = part[:, None, None] * y.amax((1, 2), keepdim=True)
     return Batch(y + sigma * torch.randn(y.shape, device=scenes.device, generator=random), masks, truth)

@@ -1,0 +1,101 @@
+"""A decoder that the solver begins with has a part in the result where there is noise."""
+
+import numpy as np
+import pytest
+
+import pnp_sci
+from pnp_sci import registry
+from pnp_sci.operator import SensingOperator
+from pnp_sci.problem import Problem
+from pnp_sci.second import share
+
+SHAPE = (2, 4, 32, 32)
+
+
+def posed(noise, gram=1.0):
+    masks = np.zeros(SHAPE, np.float32)
+    masks[0, 0] = np.sqrt(gram)
+    return Problem(SensingOperator(masks), np.zeros(SHAPE[2:], np.float32), 1.0, noise)
+
+
+def test_share_follows_the_difference():
+    """Each view its own: 0.3 while the difference is small, then as it falls with its square."""
+    x, other = np.zeros(SHAPE, np.float32), np.zeros(SHAPE, np.float32)
+    other[0], other[1, :, ::2] = 0.01, 0.2  # half of the pixels of view 1
+    assert np.allclose(share(posed(10.0), x, other), [0.3, 0.001 / 0.02], rtol=1e-3)
+
+
+def test_share_follows_the_noise_in_a_pixel():
+    x = np.zeros(SHAPE, np.float32)
+    levels = [0, 1e-30, 0.02, 0.07, 0.2, 1e6]
+    shares = np.array([share(posed(level), x, x) for level in levels])
+    assert (shares[0] == 0).all()
+    assert (np.diff(shares, axis=0) > 0).all()
+    assert shares[3] == pytest.approx(0.15)
+    assert shares[-1] == pytest.approx(0.3)
+    assert share(posed(0.14, gram=4.0), x, x) == pytest.approx(0.15)  # masks twice as strong
+    assert (share(posed(1.0, gram=0.0), x, x) == 0).all()
+
+
+def test_noise_of_each_pixel():
+    """Then its root mean square decides."""
+    x, noise = np.zeros(SHAPE, np.float32), np.zeros(SHAPE[2:])
+    noise[::2] = 0.07 * np.sqrt(2)
+    assert share(posed(noise), x, x) == pytest.approx(0.15)
+
+
+@pytest.fixture(scope="module")
+def embedded():
+    return pnp_sci.datasets.embedded_scene(64)
+
+
+@pytest.fixture
+def smooth(monkeypatch):
+    """A decoder and initialiser of that name: every frame is y over the sum of the masks."""
+
+    def decoder(op, y):
+        return np.broadcast_to(y / op.masks.sum((0, 1)).clip(1), op.shape).astype(op.dtype)
+
+    for kind in ("inits", "decoders"):
+        monkeypatch.setitem(registry._registered[kind], "smooth", decoder)
+    return decoder
+
+
+@pytest.mark.parametrize("prior", ["tv", "flow"])  # flow has a finish of its own
+@pytest.mark.parametrize("scene", ["full", "auto"])
+def test_a_decoder_has_its_share_of_the_result(embedded, smooth, prior, scene):
+    """What is returned lies between the solver's estimate and the decoder's; so say history and settings."""
+    y = np.stack([pnp_sci.simulate(embedded.truth, embedded.masks, noise, seed=3) for noise in (0.1, 0.03)])
+    known = {"prior": prior, "scene": scene, "iterations": 65, "reference": np.stack([embedded.truth] * 2)}
+    named, given = (pnp_sci.solve(y, embedded.masks, init=init, **known) for init in ("smooth", smooth))
+    decoded = pnp_sci.decode(y, embedded.masks, model="smooth").x
+    shares = np.array(named.settings["share"])
+    assert shares.shape == (2, 2)
+    assert (shares > 0.01).all()
+    assert (shares <= 0.3).all()
+    assert np.all(np.array(given.settings["share"]) == 0)
+    expected = given.x + shares[..., None, None, None] * (decoded - given.x)
+    assert np.allclose(named.x, expected, atol=2e-5)
+    last = [record for record in named.history if record.iteration == 65]
+    for n, record in enumerate(last):
+        assert record.psnr == pytest.approx(pnp_sci.psnr(named.x[n], embedded.truth).mean(), abs=1e-3)
+        missing = y[n] - SensingOperator(embedded.masks).forward(named.x[n].astype(np.float64))
+        assert record.residual == pytest.approx(np.linalg.norm(missing) / np.linalg.norm(y[n]), rel=1e-3)
+
+
+def test_without_noise_the_solver_knows_better(embedded, smooth):
+    named, given = (
+        pnp_sci.solve(embedded.y, embedded.masks, init=init, iterations=10, noise=0.0) for init in ("smooth", smooth)
+    )
+    assert named.settings["share"] == [[0.0, 0.0]]
+    assert np.array_equal(named.x, given.x)
+
+
+def test_of_a_still_scene_each_view_has_one(embedded, smooth):
+    truth = np.repeat(embedded.truth[:, :1], embedded.truth.shape[1], 1)
+    y = pnp_sci.simulate(truth, embedded.masks, 0.02, seed=3)
+    model = pnp_sci.SceneModel(views=(True, True), still=(True, True))
+    result = pnp_sci.solve(y, embedded.masks, init="smooth", scene=model, iterations=20)
+    assert len(result.settings["share"][0]) == 2
+    assert max(result.settings["share"][0]) > 0
+    assert np.array_equal(result.x, np.broadcast_to(result.x[:, :1], result.x.shape))
