@@ -76,7 +76,7 @@ class OFaNet(nn.Module):
             padding = (0, width % 2, 0, height % 2)
             y = functional.pad(y[:, None], padding, "replicate")[:, 0]
             masks = functional.pad(masks.flatten(1, 2), padding, "replicate").unflatten(1, masks.shape[1:3])
-        first = torch.stack([self._separated(y, masks, v) for v in range(orders)]).mean(0)
+        first = torch.stack([self._separated(y, masks, view) for view in range(orders)]).mean(0)
         refined = first[:, :, window]
         if refine and self.refiners:
             residual = normalised(y - (masks * first).sum((1, 2)), masks)

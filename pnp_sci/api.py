@@ -32,7 +32,7 @@ from .problem import Problem, check_measurement, check_noise, check_operator, po
 from .result import History, Record, Result, Status
 from .scene import SceneModel, full
 from .schedule import Schedule, contrast, schedule_for
-from .second import share
+from .second import mixed
 from .sensor import Sensor, warn_if_saturated
 from .solvers import ALGORITHMS, State
 from .threads import limited
@@ -87,8 +87,8 @@ def solve(
         The first estimate: "adjoint", an installed initialiser, or a video in the units of the result. "auto" is
         "ofanet-fast" on the CPU beside a learned prior (alone or joined by "+"), where there are weights for so many
         views and frames, and else "adjoint". An initialiser that is a decoder too, as both of OFaNet are, counts in the
-        result where there is noise, up to 0.3: the two err differently. ``Result.settings["share"]`` says how much, for
-        each measurement and each view that was modelled.
+        result where y is noisy, or looks so, up to 0.3: the two err differently. ``Result.settings["share"]`` says how
+        much, for each measurement and each view that was modelled.
     algorithm : "gap", "plain-gap" or "admm"
         "gap" is accelerated, with a regularised projection where there is noise.
     effort : "fast", "balanced" or "best"
@@ -213,7 +213,7 @@ def solve(
                 algorithm=algorithm, noise=problem.noise, sigma=sigma, saturated=problem.saturated,
             )  # fmt: skip
             other = start if name in registry.available("decoders") else None
-            parts = np.zeros(reduced.shape[0], op.dtype)
+            parts = [0.0] * reduced.shape[0]
             del start  # it is freed after the first step
 
             def score(x: np.ndarray, n: int = n, model: SceneModel = model, unit: float = problem.unit):
@@ -224,8 +224,7 @@ def solve(
                 if callable(improve):
                     x = shaped("what the prior's finish returns", improve(x, state.sigma), reduced.shape, op.dtype)
                 if other is not None:
-                    parts[:] = share(problem, x, other)
-                    x = x + parts[:, None, None, None] * (other - x)
+                    x, parts[:] = mixed(problem, x, other)
                 return replace(state, x=x, residual=problem.y - reduced.forward(x))
 
             described = model.describe(op)
@@ -240,7 +239,7 @@ def solve(
             _put(x if np.isfinite(x).all() else np.zeros_like(x), videos[n], problem.unit)
             statuses.append(status)
             problems.append(problem)
-            shares.append(parts.tolist())
+            shares.append(parts)
             lost = 0 if problem.saturated is None else int(problem.saturated.sum())
             scenes.append(described | {"saturated": lost, "closed": int((op.gram == 0).sum())})
             records += [replace(record, measurement=n) for record in course]

@@ -50,7 +50,7 @@ class Status(Enum):
 
 @dataclass(frozen=True)
 class Record:
-    """One iteration; the last one together with what the prior's ``finish`` has made of its estimate.
+    """One iteration; the last one together with what solve has made of its estimate.
 
     Attributes
     ----------

@@ -13,23 +13,30 @@ ALIKE = 1e-3  # mean squared difference of two estimates that may both be right,
 QUIET = 0.07  # noise in a pixel of x, ``noise / sqrt(gram)``, with which it counts half of that; the power is 4
 
 
-def share(problem: Problem, x: np.ndarray, other: np.ndarray) -> np.ndarray:
-    """What the estimate `other` counts beside x, both (V, B, H, W), in each view: (V,).
+def mixed(problem: Problem, x: np.ndarray, other: np.ndarray) -> tuple[np.ndarray, list[float]]:
+    """``x + s (other - x)`` of the solver's estimate x and a decoder's, both (V, B, H, W), and s for each view.
 
-    ``min(0.3, 0.001 / d) n^4 / (n^4 + 0.07^4)``, d the mean squared difference of the two and n the noise of y in a
-    pixel of x. As with James and Stein's estimator (1961), what is far away counts little; without noise the solver
-    knows better.
+    ``s = min(0.3, 0.001 / d) n^4 / (n^4 + 0.07^4)``, d the mean squared difference of the two and n the noise of y, as
+    known or estimated, in a pixel of x, ``noise / sqrt(gram)``, by all masks also where fewer frames are modelled. As
+    with James and Stein's estimator (1961), what is far away counts little; without noise the solver knows better. What
+    is not finite stays as it is.
 
     Examples
     --------
     >>> from pnp_sci import SensingOperator
     >>> problem = Problem(SensingOperator(np.ones((1, 2, 8, 8))), np.ones((8, 8)), unit=1.0, noise=0.4)
-    >>> share(problem, np.zeros((1, 2, 8, 8)), np.full((1, 2, 8, 8), 0.1)).round(3)
-    array([0.1])
+    >>> x, shares = mixed(problem, np.zeros((1, 2, 8, 8)), np.full((1, 2, 8, 8), 0.1))
+    >>> round(shares[0], 3), round(float(x.max()), 3)
+    (0.1, 0.01)
     """
     gram = float(np.mean(problem.op.gram, dtype=np.float64))
-    if gram == 0:
-        return np.zeros(len(x))
+    if gram == 0 or problem.typical_noise == 0 or not np.isfinite(x).all():
+        return x, [0.0] * len(x)
     loud = (problem.typical_noise / (QUIET * np.sqrt(gram))) ** 4
-    apart = np.square(x - other, dtype=np.float64).mean((1, 2, 3))
-    return np.minimum(MOST, ALIKE / np.maximum(apart, ALIKE)) * loud / (1 + loud)
+    out, shares = np.empty_like(x), []
+    for view, second, mean in zip(x, other, out):
+        step = second - view
+        apart = float(np.mean(step**2))
+        shares.append(ALIKE / max(apart, ALIKE / MOST) * loud / (1 + loud))
+        np.add(view, step * step.dtype.type(shares[-1]), out=mean)
+    return out, shares
