@@ -214,7 +214,7 @@ def solve(
             )  # fmt: skip
             other = start if name in registry.available("decoders") else None
             parts = [0.0] * reduced.shape[0]
-            del start  # it is freed after the first step
+            del start  # it is freed after the first step, but for a decoder's
 
             def score(x: np.ndarray, n: int = n, model: SceneModel = model, unit: float = problem.unit):
                 return truth.psnr(model.expand(x, op.shape), n, unit) if truth else None
