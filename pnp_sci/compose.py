@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
+from functools import partial
 from numbers import Integral
 from typing import Any
 
@@ -71,22 +72,38 @@ class Stages:
 
 
 class Joint:
-    """Several denoisers at once: the mean of what they return.
+    """Several denoisers at once: the mean of what they return, and of what they make of a last estimate, by `shares`.
 
     The mean of proximal maps is, to first order in sigma^2, that of the mean of their priors, so this serves an
     objective such as ``||y - Phi x||^2 / 2 + a TV(x) + b Theta(x)``
     (Y. Yu, "Better approximation and faster algorithm using the proximal average", NIPS 2013).
+
+    Parameters
+    ----------
+    denoisers : sequence of denoiser
+    shares : sequence of float, optional
+        What each counts beside the others, > 0; by default all count the same.
+
+    Examples
+    --------
+    >>> halve, keep = (lambda x, sigma: x / 2), (lambda x, sigma: x)
+    >>> float(Joint([halve, keep], shares=[3, 1])(np.ones(1), 0.1)[0])
+    0.625
     """
 
-    def __init__(self, denoisers: Sequence[Denoiser]):
+    def __init__(self, denoisers: Sequence[Denoiser], shares: Sequence[float] | None = None):
         self.denoisers = list(denoisers)
+        self.shares = [1.0] * len(self.denoisers) if shares is None else list(shares)
         self.learned, self.thorough = (
             any(getattr(denoiser, name, False) for denoiser in self.denoisers) for name in ("learned", "thorough")
         )
         self.first = max(first_of(denoiser) or 0 for denoiser in self.denoisers)
+        finishes = [getattr(denoiser, "finish", None) for denoiser in self.denoisers]
+        if last := [(finish, share) for finish, share in zip(finishes, self.shares) if callable(finish)]:
+            self.finish = partial(_mean, *zip(*last))
 
     def __repr__(self) -> str:
-        return f"Joint({self.denoisers})"
+        return f"Joint({self.denoisers}, {self.shares})"
 
     def reset(self) -> None:
         """Make all of them forget earlier videos."""
@@ -95,10 +112,18 @@ class Joint:
 
     def __call__(self, x: np.ndarray, sigma: float) -> np.ndarray:
         """Denoise x (V, B, H, W) with each and average."""
-        total = np.array(self.denoisers[0](x, sigma))
-        for denoiser in self.denoisers[1:]:
-            total += denoiser(x, sigma)
-        return total / x.dtype.type(len(self.denoisers))
+        return _mean(self.denoisers, self.shares, x, sigma)
+
+    @property
+    def restless(self) -> bool:
+        """Whether one of them is."""
+        return any(getattr(denoiser, "restless", False) for denoiser in self.denoisers)
+
+
+def _mean(answers: Sequence[Callable], shares: Sequence[float], x: np.ndarray, sigma: float) -> np.ndarray:
+    """The mean of all answers to (x, sigma), by their shares."""
+    total = sum(shares)
+    return sum(share / total * answer(x, sigma) for answer, share in zip(answers, shares))  # type: ignore[return-value]
 
 
 class TorchDenoiser:

@@ -298,6 +298,50 @@ def test_priors_that_are_thorough(name):
     assert prior.first == (60 if "flow" in name or name == "video" else 30)
 
 
+def answering(answer, **attributes):
+    """A prior that answers one value, with attributes such as `finish`."""
+
+    def prior(x, sigma):
+        return np.full_like(x, answer)
+
+    vars(prior).update(attributes)
+    return prior
+
+
+def test_a_joint_prior_is_the_mean_of_its_members_by_their_shares():
+    x = np.zeros((1, 2, 4, 4), np.float32)
+    members = answering(0.4), answering(0.8, restless=True), answering(0.1)
+    assert np.allclose(Joint(members)(x, 0.1), 1.3 / 3)
+    shared = Joint(members, [2, 1, 1])(x, 0.1)
+    assert np.allclose(shared, 1.7 / 4)
+    assert shared.dtype == x.dtype
+    assert Joint(members).restless
+    assert not Joint(members[:1]).restless
+    assert not hasattr(Joint(members), "finish")
+
+
+def test_a_joint_prior_finishes_with_those_members_that_do():
+    members = [answering(0, finish=lambda x, sigma: x + sigma), answering(0), answering(0, finish=lambda x, sigma: x)]
+    x = np.ones((1, 2, 4, 4), np.float32)
+    assert np.allclose(Joint(members, [3, 5, 1]).finish(x, 0.2), 1 + 0.2 * 3 / 4)
+
+
+def test_names_may_have_shares(scene):
+    joint = pnp_sci.make_prior("0.3*flow + 2 * tv+wavelet")
+    assert joint.shares == [0.3, 2, 1]
+    assert [type(member).__name__ for member in joint.denoisers] == ["Flow", "TV", "Wavelet"]
+    lone, mostly = (solve(scene.y, scene.masks, prior, iterations=15).x for prior in ("tv", "1e6*tv+wavelet"))
+    assert np.abs(lone - mostly).max() < 1e-3
+
+
+@pytest.mark.parametrize(
+    "prior", ["0*tv+wavelet", "-1*tv+wavelet", "nan*tv+wavelet", "inf*tv+flow", "*tv+flow", "a*tv+flow"]
+)
+def test_a_share_is_a_number_above_0(scene, prior):
+    with pytest.raises(InputError, match="number > 0"):
+        solve(scene.y, scene.masks, prior)
+
+
 def alternating(restless):
     """A prior whose answers alternate, and all that it has answered; it is restless after so many calls."""
     answers = []

@@ -218,13 +218,27 @@ def test_video_is_better_than_flow_in_both_views():
     assert (pnp_sci.psnr(video, scene.truth) > pnp_sci.psnr(flow, scene.truth)).all()
 
 
-@pytest.mark.parametrize(("effort", "iterations"), [("balanced", 90), ("best", 110)])
-def test_auto_is_video(effort, iterations):
+@pytest.mark.parametrize(
+    ("effort", "prior", "iterations"), [("balanced", "video", 90), ("best", "0.3*flow+0.7*video", 110)]
+)
+def test_auto_is_video_alone_or_with_flow(effort, prior, iterations):
     pytest.importorskip("torch")
     scene = datasets.embedded_scene(32)
     result = pnp_sci.solve(scene.y, scene.masks, "auto", effort=effort, noise=0, tol=0)
-    assert result.settings["prior"] == "video"
+    assert result.settings["prior"] == prior
     assert result.settings["iterations"] == iterations
+
+
+def test_flow_and_video_together_beat_either():
+    """They err differently, as what they are made of does."""
+    pytest.importorskip("torch")
+    scene = datasets.embedded_scene(128)
+    together, *alone = (
+        pnp_sci.solve(scene.y, scene.masks, prior, scene="full", effort="best").x
+        for prior in ("0.3*flow+0.7*video", "flow", "video")
+    )
+    for x in alone:
+        assert pnp_sci.psnr(together, scene.truth).mean() > pnp_sci.psnr(x, scene.truth).mean()
 
 
 @pytest.mark.parametrize("effort", ["balanced", "best"])
