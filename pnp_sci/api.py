@@ -93,7 +93,7 @@ def solve(
         The first estimate: "adjoint", an installed initialiser, or a video in the units of the result. "auto" is
         "ofanet-fast" on the CPU beside a learned prior (alone or joined by "+"), where there are weights for so many
         views and frames, and else "adjoint". An initialiser that is a decoder too, as both of OFaNet are, counts in the
-        result where y is noisy, or looks so, up to 0.3: the two err differently. ``Result.settings["share"]`` says how
+        result where y is noisy, or looks so, up to 0.5: the two err differently. ``Result.settings["share"]`` says how
         much, for each measurement and each view that was modelled.
     algorithm : "gap", "plain-gap" or "admm"
         "gap" is accelerated, with a regularised projection where there is noise.
