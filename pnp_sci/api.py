@@ -46,10 +46,7 @@ FEW, SOONER = 4, 0.15
 # 80; two views of 6 have as much after 30 as after 50, one of 8 as much after 20.
 PER_FRAME = {"fast": 0, "balanced": 1.5, "best": 2.5}
 LEAST, MOST = {"fast": 20, "balanced": 30, "best": 30}, 50
-# What "auto" stands for. With "best" both find motion and likeness in their own ways, and err differently: on 18 cases
-# of validation clips that is 0.06 to 0.23 dB better than `video`, 0.05 worse at worst; both counting the same it is
-# 0.05 dB less, and the mean of the results of two solvers as good.
-AUTO = {"fast": "tv", "balanced": "video", "best": "0.3*flow+0.7*video"}
+AUTO = {"fast": "tv", "balanced": "video", "best": "both"}  # what "auto" stands for
 AUTO_UNLEARNED = {"fast": "tv", "balanced": "flow", "best": "flow"}  # where PyTorch is missing
 QUICK = ("tv", "wavelet", "none")  # priors that make no more of a scene than its judge does
 _log = logging.getLogger("pnp_sci")
@@ -86,9 +83,8 @@ def solve(
     masks : array_like, (V, B, H, W) or (B, H, W), or SensingOperator
         Transmission of the mask for each view and frame, any real values; 3-D masks mean one view.
     prior : str, callable, torch.nn.Module, or sequence of (prior, iterations)
-        A name (``pnp-sci priors`` lists them) or "auto"; names joined by "+" work together, maybe each with its share,
-        "0.3*flow+0.7*video"; a callable ``(x, sigma)``; a sequence runs its members one after the other, such as
-        ``[("tv", 60), ("wavelet", 20)]``.
+        A name (``pnp-sci priors`` lists them) or "auto"; names joined by "+" work together; a callable ``(x, sigma)``;
+        a sequence runs its members one after the other, such as ``[("tv", 60), ("wavelet", 20)]``.
     init : str, array_like (V, B, H, W), or callable
         The first estimate: "adjoint", an installed initialiser, or a video in the units of the result. "auto" is
         "ofanet-fast" on the CPU beside a learned prior (alone or joined by "+"), where there are weights for so many
@@ -102,8 +98,8 @@ def solve(
         is missing, but 50 at least. With a thorough prior, which `flow`, `bm3d` and all learned ones are, as many as it
         leaves to TV (`flow` and `video` 60, others 30), 30 at least, and then 20, 30 or 30; from 20 frames of all views
         on 1.5 more for each with "balanced", from 12 on 2.5 with "best", up to 50; with noise down to 20. `iterations`
-        overrules that. And what the prior "auto" stands for: "tv", "video" or "0.3*flow+0.7*video"; where PyTorch is
-        missing, "tv" or "flow". With a `time_budget`, "auto" is the prior that has most to show by then, with the
+        overrules that. And what the prior "auto" stands for: "tv", "video" or "both"; where PyTorch is missing, "flow"
+        for the latter two. With a `time_budget`, "auto" is the prior that has most to show by then, with the
         iterations of "best", whatever the effort; see :func:`pnp_sci.recommend`.
     scene : "auto", "full" or SceneModel
         What to model. "auto" drops views that are dark and models a scene in which nothing moves by one frame per view;
@@ -284,6 +280,7 @@ def solve(
 
 def prior_for(effort: str) -> str:
     """What the prior "auto" stands for, without a time budget."""
+    one_of("effort", effort, EFFORTS)
     return AUTO[effort] if all(map(find_spec, LEARNED)) else AUTO_UNLEARNED[effort]
 
 

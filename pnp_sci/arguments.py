@@ -38,8 +38,7 @@ def _make(prior: Any, options: dict[str, Any], used: set[str]) -> Denoiser:
         if prior == "none":
             return _identity
         if "+" in prior:
-            shares, names = zip(*map(_share, prior.split("+")))
-            return Joint([_make(name, options, used) for name in names], shares)
+            return Joint([_make(name.strip(), options, used) for name in prior.split("+")])
         if prior == "auto":
             raise InputError("prior 'auto' stands alone: in a combination, the names of priors were expected")
         factory = registry.load("priors", prior)
@@ -66,18 +65,6 @@ def _make(prior: Any, options: dict[str, Any], used: set[str]) -> Denoiser:
         f"prior is {prior!r}: a name, a callable (x, sigma), a torch module or a sequence of (prior, iterations) "
         "was expected"
     )
-
-
-def _share(part: str) -> tuple[float, str]:
-    """What a member of a joint prior counts, and its name: of "0.3*flow", or of "flow", which counts 1."""
-    share, star, name = part.rpartition("*")
-    try:
-        counts = float(share) if star else 1.0
-    except ValueError:
-        counts = 0.0
-    if not 0 < counts < np.inf:
-        raise InputError(f"prior has {part.strip()!r}: a number > 0 was expected before the *")
-    return counts, name.strip()
 
 
 def _identity(x: np.ndarray, sigma: float) -> np.ndarray:

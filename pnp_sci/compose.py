@@ -84,6 +84,11 @@ class Joint:
     shares : sequence of float, optional
         What each counts beside the others, > 0; by default all count the same.
 
+    Raises
+    ------
+    InputError
+        If there are not as many shares as denoisers, or one is not a number > 0.
+
     Examples
     --------
     >>> halve, keep = (lambda x, sigma: x / 2), (lambda x, sigma: x)
@@ -93,14 +98,17 @@ class Joint:
 
     def __init__(self, denoisers: Sequence[Denoiser], shares: Sequence[float] | None = None):
         self.denoisers = list(denoisers)
-        self.shares = [1.0] * len(self.denoisers) if shares is None else list(shares)
+        self.shares = [1.0] * len(self.denoisers) if shares is None else [float(share) for share in shares]
+        if len(self.shares) != len(self.denoisers) or not all(0 < share < np.inf for share in self.shares):
+            raise InputError(f"shares is {shares}: {len(self.denoisers)} numbers > 0 were expected")
         self.learned, self.thorough = (
             any(getattr(denoiser, name, False) for denoiser in self.denoisers) for name in ("learned", "thorough")
         )
         self.first = max(first_of(denoiser) or 0 for denoiser in self.denoisers)
         finishes = [getattr(denoiser, "finish", None) for denoiser in self.denoisers]
-        if last := [(finish, share) for finish, share in zip(finishes, self.shares) if callable(finish)]:
-            self.finish = partial(_mean, *zip(*last))
+        that_do = [(finish, share) for finish, share in zip(finishes, self.shares) if callable(finish)]
+        if that_do:
+            self.finish = partial(_mean, that_do)
 
     def __repr__(self) -> str:
         return f"Joint({self.denoisers}, {self.shares})"
@@ -112,7 +120,7 @@ class Joint:
 
     def __call__(self, x: np.ndarray, sigma: float) -> np.ndarray:
         """Denoise x (V, B, H, W) with each and average."""
-        return _mean(self.denoisers, self.shares, x, sigma)
+        return _mean(list(zip(self.denoisers, self.shares)), x, sigma)
 
     @property
     def restless(self) -> bool:
@@ -120,10 +128,10 @@ class Joint:
         return any(getattr(denoiser, "restless", False) for denoiser in self.denoisers)
 
 
-def _mean(answers: Sequence[Callable], shares: Sequence[float], x: np.ndarray, sigma: float) -> np.ndarray:
-    """The mean of all answers to (x, sigma), by their shares."""
-    total = sum(shares)
-    return sum(share / total * answer(x, sigma) for answer, share in zip(answers, shares))  # type: ignore[return-value]
+def _mean(members: list[tuple[Callable, float]], x: np.ndarray, sigma: float) -> np.ndarray:
+    """The mean of what functions of (x, sigma) return, each with its share."""
+    total = sum(share for _, share in members)
+    return sum(share / total * function(x, sigma) for function, share in members)  # type: ignore[return-value]
 
 
 class TorchDenoiser:

@@ -10,6 +10,7 @@ from hypothesis import settings
 import priors
 from priors import assisted
 from priors.bm3d import BM3D
+from priors.both import Both
 from priors.ffdnet import FFDNet
 from priors.flow import Flow
 from priors.tv import TV
@@ -66,6 +67,7 @@ PRIORS = [
     _learned(VideoDenoiser, "video", "video"),
     _learned(lambda: assisted.ffdnet(first=0), "assisted ffdnet", "ffdnet"),
     _learned(lambda: assisted.video(first=0), "assisted video", "video"),
+    _learned(lambda: Both(first=0), "both", "video"),
 ]
 
 

@@ -310,14 +310,20 @@ def answering(answer, **attributes):
 
 def test_a_joint_prior_is_the_mean_of_its_members_by_their_shares():
     x = np.zeros((1, 2, 4, 4), np.float32)
-    members = answering(0.4), answering(0.8, restless=True), answering(0.1)
+    members = answering(0.4), answering(0.8), answering(0.1)
     assert np.allclose(Joint(members)(x, 0.1), 1.3 / 3)
     shared = Joint(members, [2, 1, 1])(x, 0.1)
     assert np.allclose(shared, 1.7 / 4)
     assert shared.dtype == x.dtype
-    assert Joint(members).restless
-    assert not Joint(members[:1]).restless
     assert not hasattr(Joint(members), "finish")
+
+
+def test_a_joint_prior_is_restless_while_a_member_is():
+    members = answering(0.4), answering(0.8)
+    joint = Joint(members)
+    assert not joint.restless
+    members[1].restless = True  # as priors become, in the course of a run
+    assert joint.restless
 
 
 def test_a_joint_prior_finishes_with_those_members_that_do():
@@ -326,20 +332,16 @@ def test_a_joint_prior_finishes_with_those_members_that_do():
     assert np.allclose(Joint(members, [3, 5, 1]).finish(x, 0.2), 1 + 0.2 * 3 / 4)
 
 
-def test_names_may_have_shares(scene):
-    joint = pnp_sci.make_prior("0.3*flow + 2 * tv+wavelet")
-    assert joint.shares == [0.3, 2, 1]
-    assert [type(member).__name__ for member in joint.denoisers] == ["Flow", "TV", "Wavelet"]
-    lone, mostly = (solve(scene.y, scene.masks, prior, iterations=15).x for prior in ("tv", "1e6*tv+wavelet"))
-    assert np.abs(lone - mostly).max() < 1e-3
+def test_solve_asks_a_joint_prior_to_finish(scene):
+    whole = answering(0.5, finish=lambda x, sigma: np.full_like(x, 0.25))
+    result = solve(scene.y, scene.masks, Joint([whole, answering(0.5)]), iterations=3, scene="full")
+    assert np.allclose(result.x, 0.25 * result.settings["unit"][0])
 
 
-@pytest.mark.parametrize(
-    "prior", ["0*tv+wavelet", "-1*tv+wavelet", "nan*tv+wavelet", "inf*tv+flow", "*tv+flow", "a*tv+flow"]
-)
-def test_a_share_is_a_number_above_0(scene, prior):
-    with pytest.raises(InputError, match="number > 0"):
-        solve(scene.y, scene.masks, prior)
+@pytest.mark.parametrize("shares", [(), (1,), (1, 1, 1), (1, 0), (1, -1), (1, np.nan), (1, np.inf)])
+def test_each_member_has_a_share_above_0(shares):
+    with pytest.raises(InputError, match="2 numbers > 0"):
+        Joint([answering(0), answering(1)], shares)
 
 
 def alternating(restless):

@@ -218,9 +218,7 @@ def test_video_is_better_than_flow_in_both_views():
     assert (pnp_sci.psnr(video, scene.truth) > pnp_sci.psnr(flow, scene.truth)).all()
 
 
-@pytest.mark.parametrize(
-    ("effort", "prior", "iterations"), [("balanced", "video", 90), ("best", "0.3*flow+0.7*video", 110)]
-)
+@pytest.mark.parametrize(("effort", "prior", "iterations"), [("balanced", "video", 90), ("best", "both", 110)])
 def test_auto_is_video_alone_or_with_flow(effort, prior, iterations):
     pytest.importorskip("torch")
     scene = datasets.embedded_scene(32)
@@ -229,13 +227,23 @@ def test_auto_is_video_alone_or_with_flow(effort, prior, iterations):
     assert result.settings["iterations"] == iterations
 
 
+def test_both_are_left_to_video_where_nothing_shows_motion():
+    pytest.importorskip("torch")
+    x = datasets.embedded_scene(48).truth[:, :3]
+    both, video = make_prior("both", first=0), make_prior("video", first=0)
+    for still in (x[:, :1], x[..., :24, :24]):
+        assert np.array_equal(both(still, 0.05), video(still, 0.05))
+    assert not np.array_equal(both(x, 0.05), video(x, 0.05))
+    assert both.first == 0
+    assert make_prior("both").first == 60
+
+
 def test_flow_and_video_together_beat_either():
     """They err differently, as what they are made of does."""
     pytest.importorskip("torch")
     scene = datasets.embedded_scene(128)
     together, *alone = (
-        pnp_sci.solve(scene.y, scene.masks, prior, scene="full", effort="best").x
-        for prior in ("0.3*flow+0.7*video", "flow", "video")
+        pnp_sci.solve(scene.y, scene.masks, prior, scene="full", effort="best").x for prior in ("both", "flow", "video")
     )
     for x in alone:
         assert pnp_sci.psnr(together, scene.truth).mean() > pnp_sci.psnr(x, scene.truth).mean()

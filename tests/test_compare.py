@@ -148,6 +148,7 @@ def test_a_method_that_fails_is_a_row_and_the_others_go_on(both, monkeypatch):
     monkeypatch.setitem(registry._registered["priors"], "broken", broken)
     scene = embedded_scene(SIZE)
     assert "weights" in compare(scene.y, scene.masks, [Method("broken")]).trials[0].error
+    assert "effort is 'bset'" in compare(scene.y, scene.masks, [Method("auto", effort="bset")]).trials[0].error
 
 
 def test_without_truth_the_score_decides(both):

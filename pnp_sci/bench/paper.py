@@ -23,12 +23,12 @@ OURS = (
     Method("flow"),
     Method("tv+ffdnet"),
     Method("video"),  # which "auto" stands for
-    Method("auto", effort="best"),  # video with flow
+    Method("both", effort="best"),  # ... with the best effort
     Method(None, init="ofanet-fast"),
 )
 DUAL = (*OURS, Method(None, init="ofanet"))  # there is a refine net for two views of ten frames only
 NETWORKS = tuple(method for method in DUAL if method.prior is None)
-WITH_NOISE = tuple(m for m in OURS if m.prior in ("tv", "flow", "video", "auto"))  # all would take half an hour more
+WITH_NOISE = tuple(m for m in OURS if m.prior in ("tv", "flow", "video", "both"))  # all would take half an hour more
 STARTS = ("adjoint", *(method.init for method in NETWORKS))
 WARM = tuple(Method(prior, init=init) for prior in ("tv", "flow", "video") for init in STARTS)
 AFTER = (5, 10, 20, 50)  # iterations that the table of warm starts shows
