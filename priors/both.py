@@ -12,8 +12,8 @@ from .assisted import FIRST_OF_VIDEO, video
 from .flow import Flow
 from .motion import SMALLEST
 
-# What `flow` and `video` count. On 18 moving cases of validation clips, with few frames and many, one view and two, with
-# noise and without, `video` alone has 0.06 to 0.23 dB less in the mean of a kind; in a single case it has 0.04 more.
+# What `flow` and `video` count. On 18 moving cases of validation clips, with few frames and many, one view and two,
+# with noise and without, `video` alone has 0.06 to 0.23 dB less in the mean of a kind; in one case 0.04 more.
 # Counting the same they gain 0.05 dB less; the mean of the results of two solvers gains as much.
 SHARES = 0.3, 0.7
 
