@@ -8,7 +8,7 @@ from functools import cache
 import numpy as np
 import torch
 
-from pnp_sci.api import choose_scene
+from pnp_sci.defaults import choose_scene
 from pnp_sci.errors import InputError
 from pnp_sci.inference import as_many_threads, half_precision, usable
 from pnp_sci.noise import estimate_noise

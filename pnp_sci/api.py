@@ -13,42 +13,29 @@ from contextlib import contextmanager
 from dataclasses import asdict, replace
 from functools import cache, partial
 from importlib.metadata import version
-from importlib.util import find_spec
 from typing import Any
 
 import numpy as np
 
 from . import registry
 from .arguments import Reference, as_plain, describe, first_estimate, make_prior
-from .budget import LEARNED, prior_within
+from .budget import prior_within
 from .checks import instance, number, one_of, shaped, whole
-from .compose import FIRST, Stages, first_of, weights_of
+from .compose import Stages, first_of, weights_of
+from .defaults import EFFORTS, choose_scene, most_iterations, prior_for
 from .errors import InputError
-from .judge import judge, patience, with_still_views
 from .loop import Limits, iterate, run
 from .masks import views_are_separable
 from .operator import SensingOperator
 from .problem import Problem, check_measurement, check_noise, check_operator, pose
 from .result import History, Record, Result, Status
-from .scene import SceneModel, full
-from .schedule import Schedule, contrast, schedule_for
+from .scene import SceneModel
+from .schedule import contrast, schedule_for
 from .second import mixed
 from .sensor import Sensor, warn_if_saturated
 from .solvers import ALGORITHMS, State
 from .threads import limited
 
-EFFORTS = {"fast": 50, "balanced": 100, "best": 200}  # iterations; TV has converged to 0.05 dB by 100 on training clips
-# With fewer than so many frames of all views, a part less for each: on clips of the validation `tv` is as good after
-# these as after 100.
-FEW, SOONER = 4, 0.15
-# Of a thorough prior, after those that it leaves to TV: so many for each frame of all views, but 30 to 50; 20 with the
-# fast effort. On clips of the validation `video` has 30.0 dB with two views of 10 frames after 50 of these and after
-# 80; two views of 6 have as much after 30 as after 50, one of 8 as much after 20.
-PER_FRAME = {"fast": 0, "balanced": 1.5, "best": 2.5}
-LEAST, MOST = {"fast": 20, "balanced": 30, "best": 30}, 50
-AUTO = {"fast": "tv", "balanced": "video", "best": "both"}  # what "auto" stands for
-AUTO_UNLEARNED = {"fast": "tv", "balanced": "flow", "best": "flow"}  # where PyTorch is missing
-QUICK = ("tv", "wavelet", "none")  # priors that make no more of a scene than its judge does
 _log = logging.getLogger("pnp_sci")
 
 
@@ -276,43 +263,6 @@ def solve(
         settings | _provenance(y, masks, problems, begin + aside),
         found,
     )
-
-
-def prior_for(effort: str) -> str:
-    """What the prior "auto" stands for, without a time budget."""
-    one_of("effort", effort, EFFORTS)
-    return AUTO[effort] if all(map(find_spec, LEARNED)) else AUTO_UNLEARNED[effort]
-
-
-def most_iterations(effort: str, first: int | None, frames: int, plan: Schedule | None = None) -> int:
-    """How many iterations an effort allows if so many frames are modelled.
-
-    The `first` of a thorough prior are those that it leaves to TV, and noise takes some of the others; a plain prior
-    has None.
-    """
-    if first is None:
-        return max(EFFORTS["fast"], round(EFFORTS[effort] * (1 - SOONER * max(FEW - frames, 0))))
-    calls = round(min(max(PER_FRAME[effort] * frames, LEAST[effort]), MOST))
-    return max(first, FIRST) + (plan.enough(calls) if plan else calls)
-
-
-def choose_scene(scene: str | SceneModel, problem: Problem, prior: Any = None) -> SceneModel:
-    """The model that a `scene` argument of :func:`solve` stands for.
-
-    Quick estimates are made with TV and, where they leave it open and the `prior` is no quick one itself, with flow.
-    Single views that stand still beside others are looked for if a `prior` is given that is no quick one.
-    """
-    if isinstance(scene, SceneModel):
-        return scene
-    if scene == "full" or "tv" not in registry.available("priors"):
-        return full(problem.op)
-    tv = registry.load("priors", "tv")()
-    if prior in QUICK or "flow" not in registry.available("priors"):
-        return judge(problem, tv)
-    half = patience(problem.op) // 2  # the other half shows what motion tells
-    flow = partial(registry.load("priors", "flow"), first=half)
-    chosen = judge(problem, tv, flow)
-    return chosen if prior is None else with_still_views(problem, tv, flow, chosen)
 
 
 def decode(y: Any, masks: Any, model: str = "ofanet", **options: Any) -> Result:

@@ -8,8 +8,8 @@ from scipy.ndimage import gaussian_filter
 
 import pnp_sci
 from pnp_sci import Status, datasets, registry, solve
-from pnp_sci.api import most_iterations
 from pnp_sci.compose import Joint
+from pnp_sci.defaults import most_iterations
 from pnp_sci.errors import InputError, InputTypeError, UnknownPluginError
 
 

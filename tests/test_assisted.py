@@ -251,7 +251,7 @@ def test_flow_and_video_together_beat_either():
 
 @pytest.mark.parametrize("effort", ["balanced", "best"])
 def test_auto_without_torch_is_flow(monkeypatch, effort):
-    monkeypatch.setattr("pnp_sci.api.find_spec", lambda name: None)
+    monkeypatch.setattr("pnp_sci.defaults.find_spec", lambda name: None)
     scene = datasets.embedded_scene(32)
     result = pnp_sci.solve(scene.y, scene.masks, "auto", effort=effort, iterations=2)
     assert result.settings["prior"] == pnp_sci.solve(scene.y, scene.masks, "flow", iterations=2).settings["prior"]

@@ -12,6 +12,7 @@ import numpy as np
 
 from .. import api
 from ..arguments import Reference, make_prior
+from ..defaults import choose_scene, prior_for
 from ..errors import InputError
 from ..masks import condition
 from ..operator import as_masks
@@ -209,7 +210,7 @@ class _Task:
             problem.typical_noise * problem.unit * largest,
             sensor,
             problem.saturated,
-            api.choose_scene("auto", problem),
+            choose_scene("auto", problem),
             None if reference is None else Reference(reference, (1, *op.shape)),
             common,
             source,
@@ -231,7 +232,7 @@ class _Task:
 
     def score(self, method: Method) -> float:
         """Noise and scene are as all pixels tell them: the same for every method, undisturbed by holes."""
-        prior = api.prior_for(method.effort) if method.prior == "auto" else method.prior
+        prior = prior_for(method.effort) if method.prior == "auto" else method.prior
         learned = getattr(make_prior(prior), "learned", False)
         known = {"init": filled_start(method.init, learned), "noise": self.sensor, "scene": self.scene}
         settings = method.arguments() | self.common | known
