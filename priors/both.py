@@ -10,7 +10,7 @@ from pnp_sci.compose import Joint
 
 from .assisted import FIRST_OF_VIDEO, video
 from .flow import Flow
-from .motion import SMALLEST
+from .motion import may_show_motion
 
 # What `flow` and `video` count. On 18 moving cases of validation clips, with few frames and many, one view and two,
 # with noise and without, `video` alone has 0.06 to 0.23 dB less in the mean of a kind; in one case 0.04 more.
@@ -49,5 +49,5 @@ class Both(Joint):
 
     def __call__(self, x: np.ndarray, sigma: float) -> np.ndarray:
         """Denoise x (V, B, H, W), values about [0, 1]; arguments, result and errors are those of `video`."""
-        alone = np.ndim(x) != 4 or np.shape(x)[1] < 2 or min(np.shape(x)[2:]) < SMALLEST
-        return self.video(x, sigma) if alone else super().__call__(x, sigma)
+        together = np.ndim(x) == 4 and may_show_motion(np.shape(x))
+        return super().__call__(x, sigma) if together else self.video(x, sigma)

@@ -58,6 +58,11 @@ class Motion:
         return left
 
 
+def may_show_motion(shape: tuple[int, ...]) -> bool:
+    """Whether a video (V, B, H, W) of this shape has neighbouring frames, large enough for optical flow."""
+    return shape[1] > 1 and min(shape[2:]) >= SMALLEST
+
+
 def measure(view: np.ndarray, neighbours: int, tolerance: float, drift: float, before: Motion | None = None) -> Motion:
     """The motion of a view (B, H, W), C-ordered, values about [0, 1], from each frame to those up to `neighbours` away.
 

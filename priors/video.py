@@ -12,7 +12,7 @@ from pnp_sci.errors import InputError
 
 from ._learned import LIMIT, Learned
 from .ffdnet import FFDNet
-from .motion import SMALLEST, Motion, finished, measure
+from .motion import Motion, finished, may_show_motion, measure
 
 NEIGHBOURS = 3  # frames either side that help a frame
 TOLERANCE = 0.85  # difference between a frame and its warped neighbour at which that counts 1/e, in units of sigma
@@ -96,7 +96,7 @@ class VideoDenoiser(Learned):
         if self._fits != x.shape:
             self.reset()
             self._fits = x.shape
-        if min(x.shape[2:]) < SMALLEST or x.shape[1] < 2 or sigma < FAINT:
+        if not may_show_motion(x.shape) or sigma < FAINT:
             return self.image._noise(x, sigma, turn)
         if self._calls % self.renew == 0 or not self._motion:
             self._motion = see(self.image, x, sigma, self._motion if self.renew > 1 else None)

@@ -238,7 +238,17 @@ def test_both_are_left_to_video_where_nothing_shows_motion():
     assert make_prior("both").first == 60
 
 
-def test_flow_and_video_together_beat_either():
+@pytest.mark.parametrize("size", [(2, 1, 40, 40), (2, 3, 24, 24)])
+def test_video_is_ffdnet_where_nothing_shows_motion(size):
+    pytest.importorskip("torch")
+    x = datasets.embedded_scene(48).truth[:, : size[1], : size[2], : size[3]].astype(np.float32)
+    video, ffdnet = make_prior("video", first=2), make_prior("ffdnet", first=2)
+    for sigma in (0.1, 0.05, 0.05, 0.05):  # the first two are TV's
+        estimate = video(x, sigma)
+        np.testing.assert_array_equal(estimate, ffdnet(x, sigma))
+        x = estimate
+    video.reset()
+    np.testing.assert_array_equal(video(x, 0.1), make_prior("ffdnet", first=2)(x, 0.1))
     """They err differently, as what they are made of does."""
     pytest.importorskip("torch")
     scene = datasets.embedded_scene(128)
