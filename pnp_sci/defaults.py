@@ -26,6 +26,7 @@ PER_FRAME = {"fast": 0, "balanced": 1.5, "best": 2.5}
 LEAST, MOST = {"fast": 20, "balanced": 30, "best": 30}, 50
 AUTO = {"fast": "tv", "balanced": "video", "best": "both"}  # what "auto" stands for
 AUTO_UNLEARNED = {"fast": "tv", "balanced": "flow", "best": "flow"}  # where PyTorch is missing
+JUDGED_WITH = {"neighbours": 2, "tolerance": 3.0}  # options of `flow` with which the judge's limits were chosen
 QUICK = ("tv", "wavelet", "none")  # priors that make no more of a scene than its judge does
 
 
@@ -61,6 +62,6 @@ def choose_scene(scene: str | SceneModel, problem: Problem, prior: Any = None) -
     if prior in QUICK or "flow" not in registry.available("priors"):
         return judge(problem, tv)
     half = patience(problem.op) // 2  # the other half shows what motion tells
-    flow = partial(registry.load("priors", "flow"), first=half)
+    flow = partial(registry.load("priors", "flow"), first=half, **JUDGED_WITH)
     chosen = judge(problem, tv, flow)
     return chosen if prior is None else with_still_views(problem, tv, flow, chosen)
