@@ -82,12 +82,12 @@ def solve(
         "gap" is accelerated, with a regularised projection where there is noise.
     effort : "fast", "balanced" or "best"
         At most 50, 100 or 200 iterations; where fewer than 4 frames of all views are modelled, 15 % less for each that
-        is missing, but 50 at least. With a thorough prior, which `flow`, `bm3d` and all learned ones are, as many as it
-        leaves to TV (`flow` and `video` 60, others 30), 30 at least, and then 20, 30 or 30; from 20 frames of all views
-        on 1.5 more for each with "balanced", from 12 on 2.5 with "best", up to 50; with noise down to 20. `iterations`
-        overrules that. And what the prior "auto" stands for: "tv", "video" or "both"; where PyTorch is missing, "flow"
-        for the latter two. With a `time_budget`, "auto" is the prior that has most to show by then, with the
-        iterations of "best", whatever the effort; see :func:`pnp_sci.recommend`.
+        is missing, but 50 at least. With a thorough prior, which `flow`, `bm3d`, `both` and all learned ones are, as
+        many as it leaves to TV (`flow`, `video` and `both` 60, others 30), 30 at least, and then 20, 30 or 30; from 20
+        frames of all views on 1.5 more for each with "balanced", from 12 on 2.5 with "best", up to 50; with noise down
+        to 20. `iterations` overrules that. And what the prior "auto" stands for: "tv", "video" or "both"; where PyTorch
+        is missing, "flow" for the latter two. With a `time_budget`, "auto" is the prior that has most to show by then,
+        with the iterations of "best", whatever the effort; see :func:`pnp_sci.recommend`.
     scene : "auto", "full" or SceneModel
         What to model. "auto" drops views that are dark and models a scene in which nothing moves by one frame per view;
         `Result.scene` says what was modelled and why, how many pixels of y are saturated, and how many every mask
@@ -109,10 +109,10 @@ def solve(
         The truth, shaped as the result, for PSNR and SSIM in the history: floats in [0, 1], or uint8 or uint16
         with the type's maximum as white. The result is compared in the same units.
     callback : callable, optional
-        Called with each `State`; a true value stops the solver. With a restless prior (`video` after two calls a frame,
-        `bm3d` and `flow` after ten) its x and residual are those of a mean, while the solver goes on from what it has.
-        What becomes of the last estimate (`flow` and `video` average it along its motion, a decoder's estimate may
-        count in it) it does not see.
+        Called with each `State`; a true value stops the solver. With a restless prior (`video` and `both` after two
+        calls a frame, `bm3d` and `flow` after ten) its x and residual are those of a mean, while the solver goes on
+        from what it has. What becomes of the last estimate (`flow`, `video` and `both` average it along its motion, a
+        decoder's estimate may count in it) it does not see.
     progress : bool
         Show a progress bar.
     device : str, optional

@@ -9,6 +9,7 @@ from typing import Any
 
 import numpy as np
 
+from .checks import number
 from .errors import InputError
 from .protocols import Denoiser
 
@@ -98,8 +99,8 @@ class Joint:
 
     def __init__(self, denoisers: Sequence[Denoiser], shares: Sequence[float] | None = None):
         self.denoisers = list(denoisers)
-        self.shares = [1.0] * len(self.denoisers) if shares is None else [float(share) for share in shares]
-        if len(self.shares) != len(self.denoisers) or not all(0 < share < np.inf for share in self.shares):
+        self.shares = [1.0] * len(self.denoisers) if shares is None else [number("a share", share) for share in shares]
+        if len(self.shares) != len(self.denoisers) or not all(self.shares):
             raise InputError(f"shares is {shares}: {len(self.denoisers)} numbers > 0 were expected")
         self.learned, self.thorough = (
             any(getattr(denoiser, name, False) for denoiser in self.denoisers) for name in ("learned", "thorough")
@@ -130,8 +131,10 @@ class Joint:
 
 def _mean(members: list[tuple[Callable, float]], x: np.ndarray, sigma: float) -> np.ndarray:
     """The mean of what functions of (x, sigma) return, each with its share."""
+    (first, _), *others = members
     total = sum(share for _, share in members)
-    return sum(share / total * function(x, sigma) for function, share in members)  # type: ignore[return-value]
+    out = first(x, sigma)  # where all return the same, so does the mean, to the last digit
+    return out + sum(share / total * (function(x, sigma) - out) for function, share in others)
 
 
 class TorchDenoiser:

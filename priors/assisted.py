@@ -17,8 +17,8 @@ from .tv import TV
 from .video import VideoDenoiser
 
 # Sigma of the networks, in that of the solver. Image net: with 1 clips of the validation lose too, with 2 the benchmark
-# loses 0.3 dB and the clips gain 0.1. With one frame a view, for still scenes, 1.5 is as good as any of 1 to 2.3, but
-# for one view without noise, where less is better; 2.3 is 0.7 dB worse with two views, 3 dB with one. Video net, which
+# loses 0.3 dB and the clips gain 0.1. With one frame a view, for still scenes, 1.5 is as good as the best of 1 to 2.3,
+# but for one view without noise, where less is better; 2.3 is 0.7 dB worse with two views, 3 with one. Video net, which
 # knows what the averages have taken off: on 19 cases of validation clips, of all numbers of views and frames, 2.0 is
 # 0.06 dB worse in the mean, 2.6 as good, and 0.1 dB worse with one view.
 IMAGE, VIDEO = 1.5, 2.3
@@ -105,11 +105,11 @@ class Assisted:
         """Denoise x (V, B, H, W), values about [0, 1]; arguments, result and errors are those of the network."""
         x = checked(x, sigma)
         self.net.load()  # a wrong file or device is an error now, and not after calls of TV
-        if self.still is not None and not may_show_motion(x.shape):
-            return self.still(x, sigma)
         if self._fits != (x.shape, x.dtype):
             self.reset()
             self._fits = x.shape, x.dtype
+        if self.still is not None and not may_show_motion(x.shape):
+            return self.still(x, sigma)
         falling, self._before = sigma < self._before, sigma
         self._calls += 1
         if self._calls <= self.first or (falling and sigma > NOISY):
@@ -160,7 +160,8 @@ def ffdnet(weights: str | Path | None = None, device: str | None = None, first: 
 def video(weights: str | Path | None = None, device: str | None = None, first: int = FIRST_OF_VIDEO) -> Assisted:
     """A network on frames averaged along their motion, after some calls of TV and with a little TV before it.
 
-    Where frames cannot show motion it is as :func:`ffdnet`.
+    One frame of a view, and frames below 32 pixels a side, cannot show motion: these it denoises as :func:`ffdnet`
+    does, but for `first`.
 
     Parameters
     ----------

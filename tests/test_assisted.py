@@ -249,6 +249,23 @@ def test_video_is_ffdnet_where_nothing_shows_motion(size):
         x = estimate
     video.reset()
     np.testing.assert_array_equal(video(x, 0.1), make_prior("ffdnet", first=2)(x, 0.1))
+
+
+@pytest.mark.parametrize("name", ["video", "both"])
+def test_a_still_video_in_between_makes_a_moving_one_begin_anew(name):
+    pytest.importorskip("torch")
+    moving = datasets.embedded_scene(48).truth[:, :4].astype(np.float32)
+    prior = make_prior(name, first=1)
+    first = [prior(moving, 0.05) for _ in range(3)]
+    still = moving[:, :1]
+    prior(still, 0.05)
+    np.testing.assert_array_equal(prior.finish(still, 0.05), still)
+    assert not prior.restless
+    for expected in first:
+        np.testing.assert_array_equal(prior(moving, 0.05), expected)
+
+
+def test_flow_and_video_together_beat_either():
     """They err differently, as what they are made of does."""
     pytest.importorskip("torch")
     scene = datasets.embedded_scene(128)

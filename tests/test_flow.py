@@ -12,11 +12,12 @@ from pnp_sci.errors import InputError
 from priors import assisted, flow
 from priors._flow_kernels import FRACTION
 from priors._match_kernels import choose, consistency, differ, smooth, steady
+from priors.both import Both
 from priors.flow import Flow
 from priors.motion import Motion, _chosen, measure
 from priors.tv import TV
 
-KINDS = [Flow, *([assisted.video] if find_spec("torch") else [])]
+KINDS = [Flow, *([assisted.video, Both] if find_spec("torch") else [])]
 
 
 @pytest.fixture(scope="module")

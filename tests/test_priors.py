@@ -12,7 +12,7 @@ from pnp_sci.protocols import Denoiser
 from priors.tv import TV
 from priors.wavelet import Wavelet, shrink
 
-SHAPES = [(1, 1, 1, 1), (2, 3, 5, 7), (1, 9, 16, 16), (3, 2, 1, 12), (1, 4, 12, 1), (2, 1, 33, 18)]
+SHAPES = [(1, 1, 1, 1), (2, 3, 5, 7), (1, 9, 16, 16), (3, 2, 1, 12), (1, 4, 12, 1), (2, 1, 33, 18), (2, 3, 34, 33)]
 
 
 def video(shape=(2, 4, 24, 20), dtype=np.float32):

@@ -4,9 +4,10 @@ import numpy as np
 import pytest
 
 import pnp_sci
-from pnp_sci import SceneModel, SensingOperator, datasets, solve
+from pnp_sci import SceneModel, SensingOperator, datasets, registry, solve
 from pnp_sci.errors import InputError, InputTypeError
 from pnp_sci.judge import CAREFULLY, TILE, _at_most, _beyond_chance, _contested_tile, view_levels
+from priors.flow import Flow
 
 
 @pytest.fixture(scope="module")
@@ -68,6 +69,18 @@ def test_flow_may_find_a_still_scene_that_tv_leaves_open(monkeypatch, scene, sti
     monkeypatch.setattr("pnp_sci.judge.CLEARLY", 0.0)
     assert not solve(y, scene.masks, "tv", iterations=1).scene["still"]
     assert solve(y, scene.masks, "flow", iterations=1).scene["still"]
+
+
+def test_flow_is_asked_with_the_options_that_the_limits_are_for(monkeypatch, scene, still):
+    made = []
+
+    def recorded(**options):
+        made.append(options)
+        return Flow(**options)
+
+    monkeypatch.setitem(registry._registered["priors"], "flow", recorded)
+    assert solve(pnp_sci.simulate(still, scene.masks), scene.masks, "bm3d", iterations=1).scene["still"]
+    assert [(options["neighbours"], options["tolerance"]) for options in made] == [(2, 3.0)] * 2
 
 
 @pytest.mark.parametrize("noise", [0.05, 0.1])
