@@ -124,8 +124,15 @@ class Assisted:
 
     @property
     def restless(self) -> bool:
-        """As the network says of itself."""
-        return getattr(self.net, "restless", False)
+        """Whether a solver's estimates flicker: with the motion, or from turn to turn where each view is one frame.
+
+        Those of an image net in moving scenes do, too, but rise for longer.
+        """
+        if self.still is not None and self.still.restless:
+            return True
+        if self._last is None:
+            return False
+        return isinstance(self.net, VideoDenoiser) or self._last.shape[1] == 1
 
     @property
     def sha256(self) -> str:

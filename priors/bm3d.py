@@ -19,7 +19,6 @@ THRESHOLD = 2.7  # standard deviations, as Dabov et al. have it
 # (four), with noise of 0.01 to 0.05 of max(y) 0.8 to 1.6 dB; one view without noise, 47 dB with either, loses up to 1.
 STRENGTH = 1.8
 RENEW = 8  # calls for which groups serve: on clips of the validation as good as 4, in still and moving scenes
-SETTLED = 10  # calls for each frame of all views after which estimates flicker more than they improve
 FAINT = 1e-6  # sigma below which nothing is left to do
 LEAST, NOTHING = 1e-3, 1e-15  # least sigma of a group, in that of the noisiest one of its frame, and at all
 MIDDLE = slice(kernels.SIDE // 2, 1 - kernels.SIDE // 2, kernels.STEP)  # pixels in the middle of patches
@@ -79,8 +78,8 @@ class BM3D:
 
     @property
     def restless(self) -> bool:
-        """Whether a solver's estimates hardly improve any more, and mostly flicker from groups to groups."""
-        return self._fits is not None and self._filtered > SETTLED * self._fits[0] * self._fits[1]
+        """Whether a solver's estimates flicker, from groups to groups."""
+        return self._filtered > 0
 
     def __call__(self, x: Any, sigma: float | np.ndarray) -> np.ndarray:
         """Denoise x (V, B, H, W), values about [0, 1]; computed in float32.

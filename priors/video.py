@@ -20,7 +20,6 @@ DRIFT = 1.5  # pixels between going there and back along the flow at which a nei
 # Part of sigma that the image net is told where frames are to show motion: detail tells more than grain. On validation
 # clips 1 is 0.06 dB worse.
 SHARP = 0.7
-SETTLED = 2  # calls for each frame of all views after which estimates flicker more than they improve
 FAINT = 1e-4  # sigma below which an average is not worth it
 
 
@@ -79,8 +78,8 @@ class VideoDenoiser(Learned):
 
     @property
     def restless(self) -> bool:
-        """Whether a solver's estimates hardly improve any more, and mostly flicker with the motion as measured."""
-        return self._fits is not None and self._calls > SETTLED * self._fits[0] * self._fits[1]
+        """Whether a solver's estimates flicker, with the motion as measured."""
+        return self._calls > 0
 
     @property
     def sha256(self) -> str:

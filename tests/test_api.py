@@ -363,7 +363,7 @@ def alternating(restless):
 @pytest.mark.parametrize("algorithm", ["gap", "admm"])
 @pytest.mark.parametrize("first", [1, 3, np.inf])
 def test_the_result_is_a_mean_while_the_prior_is_restless(scene, algorithm, first):
-    """Of 0.3 of the newest estimate and 0.7 of the mean before; the history and the callback tell of the mean too."""
+    """Of all its answers since, the n-th with weight n (n + 1); the history and the callback tell of the mean too."""
     prior, answers = alternating(first)
     states = []
     result = solve(scene.y, scene.masks, prior, algorithm=algorithm, iterations=6, reference=scene.truth,
@@ -373,9 +373,9 @@ def test_the_result_is_a_mean_while_the_prior_is_restless(scene, algorithm, firs
     assert all(np.array_equal(*pair) for pair in zip(answers, same, strict=True))  # the solver goes on without the mean
     op = pnp_sci.SensingOperator(scene.masks)
     y = states[0].residual + op.forward(states[0].x)
-    mean = None
     for n, (answer, state) in enumerate(zip(answers, states[1:], strict=True), 1):
-        mean = answer if n <= first else 0.3 * answer + 0.7 * mean
+        since = answers[int(first) : n] if n > first else [answer]
+        mean = np.average(since, axis=0, weights=[n * (n + 1) for n in range(1, len(since) + 1)])
         assert relative(state.x, mean) < 1e-6
         np.testing.assert_allclose(state.residual, y - op.forward(state.x), atol=1e-4)
         expected = np.linalg.norm(state.residual) / np.linalg.norm(y)
@@ -521,26 +521,25 @@ def test_a_last_estimate_is_averaged_along_its_motion(name):
     assert prior.finish(x, 0.05) is x  # forgotten
 
 
-@pytest.mark.parametrize("name", ["tv", "ffdnet", "tv+ffdnet"])
+@pytest.mark.parametrize("name", ["tv", "wavelet", "ffdnet", "tv+ffdnet"])
 def test_most_priors_are_never_restless(scene, name):
     prior = pnp_sci.make_prior(name)
     solve(scene.y, scene.masks, prior, iterations=2)
     assert not getattr(prior, "restless", False)
 
 
-def test_video_is_restless_after_two_calls_a_frame():
-    net = pnp_sci.make_prior("video").net
-    x = np.random.default_rng(0).random((1, 3, 32, 32), np.float32)
-    restless = []
-    for _ in range(8):
-        net(x, 0.1)
-        restless.append(net.restless)
-    assert restless == 6 * [False] + 2 * [True]
-    net.reset()
-    assert not net.restless
-    for _ in range(8):
-        net(x[:, :1], 0.1)  # one frame moves nowhere
-    assert not net.restless
+@pytest.mark.parametrize(("name", "frames"), [("video", 3), ("video", 1), ("ffdnet", 1), ("flow", 3), ("bm3d", 3)])
+def test_restless_once_tv_no_longer_serves(name, frames):
+    prior = pnp_sci.make_prior(name, first=2)
+    x = np.random.default_rng(0).random((1, frames, 32, 32), np.float32)
+    for _ in range(2):
+        restless = []
+        for _ in range(4):
+            prior(x, 0.05)
+            restless.append(prior.restless)
+        assert restless == 2 * [False] + 2 * [True]
+        prior.reset()
+        assert not prior.restless
 
 
 def test_settings_reproduce(scene):

@@ -10,7 +10,7 @@ import pnp_sci
 from pnp_sci import psnr
 from pnp_sci.errors import InputError
 from priors import _bm3d_kernels as kernels
-from priors.bm3d import BM3D, RENEW, SETTLED, STRENGTH, filtered, groups
+from priors.bm3d import BM3D, RENEW, STRENGTH, filtered, groups
 from priors.flow import Flow
 from priors.tv import TV
 
@@ -139,22 +139,6 @@ def test_noise_that_fits_no_pixel(sigma):
     sigma = sigma if sigma.min() > 0 else np.where(np.arange(20) < 9, sigma, 0.1)
     with pytest.raises(InputError, match="sigma has shape"):
         BM3D(first=0)(np.zeros((1, 1, 24, 20), np.float32), sigma)
-
-
-def test_estimates_flicker_after_ten_calls_a_frame():
-    seen = noisy(np.stack([picture(), picture()[::-1]]), 0.1)[:, None]
-    denoise, flow = BM3D(first=3), Flow()
-    restless = [denoise.restless]
-    for _ in range(3 + 2 * SETTLED + 1):
-        denoise(seen, 0.1)
-        restless.append(denoise.restless)
-    assert restless == [False] * (len(restless) - 1) + [True]
-    denoise.reset()
-    assert not denoise.restless
-    for _ in range(flow.first + 2 * SETTLED + 1):
-        assert not flow.restless
-        flow(seen, 0.1)
-    assert flow.restless
 
 
 def test_follows_the_scale():
