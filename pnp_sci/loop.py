@@ -19,9 +19,9 @@ from .solvers import ALGORITHMS, State, missing, start
 
 EXPLODED = 10.0  # relative residual that no useful iterate has: x = 0 has 1
 # How much more later iterates count in a mean: the n-th about n to the power of this less 1. On validation clips, after
-# 30 iterations, 1 loses 0.1 to 0.4 dB with two views of 10 frames, where estimates still rise, and 3 up to 0.05; 8
-# loses up to 0.2 with one view of 8. After 60 all are within 0.1.
-LATER = 4
+# 30 iterations, 1 loses 0.1 to 0.4 dB with two views of 10 frames, where estimates still rise, and 4 up to 0.05; 9
+# loses 0.1 with one view of 8. After 60 all are within 0.1.
+LATER = 6
 PLATEAU = 5  # iterations in a row that must be below the tolerance
 
 
@@ -126,10 +126,10 @@ def run(
     The guard returns the last estimate before the residual left the range of useful ones for good, or the last finite
     one. Time spent in `psnr` and `observe` is not counted.
     While the denoiser is `restless`, what is observed and returned is the mean of all iterates since it became so, the
-    n-th of them weighted with n (n + 1) (n + 2) (Shamir & Zhang, ICML 2013). Each new measurement of motion or likeness
-    moves the iterates, and so does what the solver demands ever more loudly because the denoiser does not believe it;
-    what they have in common is nearer to the truth, and stays. The solver goes on from the iterates, and guard and
-    plateau look at them.
+    n-th of them weighted with n (n + 1) ... (n + 4) (Shamir & Zhang, ICML 2013). Each new measurement of motion or
+    likeness moves the iterates, and so does what the solver demands ever more loudly because the denoiser does not
+    believe it; what they have in common is nearer to the truth, and stays. The solver goes on from the iterates, and
+    guard and plateau look at them.
     `finish` makes of the last estimate the one that is returned, unless the guard ends the run or nothing has been
     denoised; the last record is of that one. As much time as the slowest iteration but the first took is left for it.
     """

@@ -363,7 +363,7 @@ def alternating(restless):
 @pytest.mark.parametrize("algorithm", ["gap", "admm"])
 @pytest.mark.parametrize("first", [1, 3, np.inf])
 def test_the_result_is_a_mean_while_the_prior_is_restless(scene, algorithm, first):
-    """Of all answers since, the n-th with weight n (n + 1) (n + 2); history and callback tell of the mean too."""
+    """Of all answers since, the n-th with weight n (n + 1) ... (n + 4); history and callback tell of the mean too."""
     prior, answers = alternating(first)
     states = []
     result = solve(scene.y, scene.masks, prior, algorithm=algorithm, iterations=6, reference=scene.truth,
@@ -375,7 +375,7 @@ def test_the_result_is_a_mean_while_the_prior_is_restless(scene, algorithm, firs
     y = states[0].residual + op.forward(states[0].x)
     for n, (answer, state) in enumerate(zip(answers, states[1:], strict=True), 1):
         since = answers[int(first) : n] if n > first else [answer]
-        mean = np.average(since, axis=0, weights=[n * (n + 1) * (n + 2) for n in range(1, len(since) + 1)])
+        mean = np.average(since, axis=0, weights=[np.prod(n + np.arange(5.0)) for n in range(1, len(since) + 1)])
         assert relative(state.x, mean) < 1e-6
         np.testing.assert_allclose(state.residual, y - op.forward(state.x), atol=1e-4)
         expected = np.linalg.norm(state.residual) / np.linalg.norm(y)

@@ -421,10 +421,12 @@ def usual(held_out):
     return quality(held_out, lambda shape: moving_masks(shape, seed=11))
 
 
-def test_refine_net_gains(held_out, usual):
-    refined = quality(held_out, lambda shape: moving_masks(shape, seed=11), "ofanet")
-    print(f"ofanet {refined:.2f} dB, ofanet-fast {usual:.2f}")
-    assert refined > usual + 0.3
+def test_refine_net_gains(held_out):
+    separated, refined = (
+        quality(held_out[::2], lambda shape: moving_masks(shape, seed=11), model) for model in ("ofanet-fast", "ofanet")
+    )
+    print(f"ofanet {refined:.2f} dB, ofanet-fast {separated:.2f}")
+    assert refined > separated + 0.3
 
 
 @pytest.mark.parametrize("kind", UNSEEN)
