@@ -109,10 +109,11 @@ def solve(
         The truth, shaped as the result, for PSNR and SSIM in the history: floats in [0, 1], or uint8 or uint16
         with the type's maximum as white. The result is compared in the same units.
     callback : callable, optional
-        Called with each `State`; a true value stops the solver. With a restless prior (`bm3d`, `flow`, `video` and
-        `both`, and `ffdnet` where a view is one frame, after the calls that they leave to TV) its x and residual are
-        those of a mean, while the solver goes on from what it has. What becomes of the last estimate (`flow`, `video`
-        and `both` average it along its motion, a decoder's estimate may count in it) it does not see.
+        Called with each `State`; a true value stops the solver. With a restless prior (`bm3d`; `flow`, `video` and
+        `both` where frames can show motion; all of them and `ffdnet` where a view is one frame; each after the calls
+        that it leaves to TV) its x and residual are those of a mean, while the solver goes on from what it has. What
+        becomes of the last estimate (`flow`, `video` and `both` average it along its motion, a decoder's estimate may
+        count in it) it does not see.
     progress : bool
         Show a progress bar.
     device : str, optional

@@ -20,7 +20,7 @@ class Denoiser(Protocol):
     One with a memory has ``reset()``. One with a true attribute ``thorough`` or ``learned``, whose calls do more than
     those of TV, is called fewer times, and the fewer the more noise there is, after as many as its ``first`` leaves to
     TV (30); one that is ``learned`` starts from a network's estimate unless another is asked for. While an attribute
-    ``restless`` is true, since what it measures anew from time to time moves the estimates too, solve averages.
+    ``restless`` is true, since its calls move the estimates to and fro, solve returns a mean of them.
     What ``finish(x, sigma)`` makes of the last estimate takes its place, unless the solver has failed. A joint prior is
     restless while one of its members is, and finishes as those do that can; stages are asked for neither.
     """

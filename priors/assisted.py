@@ -130,9 +130,7 @@ class Assisted:
         """
         if self.still is not None and self.still.restless:
             return True
-        if self._last is None:
-            return False
-        return isinstance(self.net, VideoDenoiser) or self._last.shape[1] == 1
+        return self._last is not None and (getattr(self.net, "restless", False) or self._last.shape[1] == 1)
 
     @property
     def sha256(self) -> str:

@@ -344,14 +344,14 @@ def test_each_member_has_a_share_above_0(shares):
         Joint([answering(0), answering(1)], shares)
 
 
-def alternating(restless):
-    """A prior whose answers alternate, and all that it has answered; it is restless after so many calls."""
+def alternating(calm):
+    """A prior whose answers alternate, and all that it has answered; after so many calls it is not restless."""
     answers = []
 
     class Prior:
         @property
         def restless(self):
-            return len(answers) > restless
+            return len(answers) not in calm
 
         def __call__(self, x, sigma):
             answers.append(0.9 * x + (-1) ** len(answers) * sigma)
@@ -361,20 +361,20 @@ def alternating(restless):
 
 
 @pytest.mark.parametrize("algorithm", ["gap", "admm"])
-@pytest.mark.parametrize("first", [1, 3, np.inf])
-def test_the_result_is_a_mean_while_the_prior_is_restless(scene, algorithm, first):
+@pytest.mark.parametrize("calm", [(), (0, 1), (0, 1, 2, 3), (3,), range(7)])
+def test_the_result_is_a_mean_while_the_prior_is_restless(scene, algorithm, calm):
     """Of all answers since, the n-th with weight n (n + 1) ... (n + 4); history and callback tell of the mean too."""
-    prior, answers = alternating(first)
+    prior, answers = alternating(calm)
     states = []
     result = solve(scene.y, scene.masks, prior, algorithm=algorithm, iterations=6, reference=scene.truth,
                    callback=states.append)  # fmt: skip
-    again, same = alternating(np.inf)
+    again, same = alternating(range(7))
     solve(scene.y, scene.masks, again, algorithm=algorithm, iterations=6)
     assert all(np.array_equal(*pair) for pair in zip(answers, same, strict=True))  # the solver goes on without the mean
     op = pnp_sci.SensingOperator(scene.masks)
     y = states[0].residual + op.forward(states[0].x)
     for n, (answer, state) in enumerate(zip(answers, states[1:], strict=True), 1):
-        since = answers[int(first) : n] if n > first else [answer]
+        since = answers[max((c for c in calm if c < n), default=0) : n] if n not in calm else [answer]
         mean = np.average(since, axis=0, weights=[np.prod(n + np.arange(5.0)) for n in range(1, len(since) + 1)])
         assert relative(state.x, mean) < 1e-6
         np.testing.assert_allclose(state.residual, y - op.forward(state.x), atol=1e-4)
@@ -521,15 +521,18 @@ def test_a_last_estimate_is_averaged_along_its_motion(name):
     assert prior.finish(x, 0.05) is x  # forgotten
 
 
-@pytest.mark.parametrize("name", ["tv", "wavelet", "ffdnet", "tv+ffdnet"])
-def test_most_priors_are_never_restless(scene, name):
-    prior = pnp_sci.make_prior(name)
-    solve(scene.y, scene.masks, prior, iterations=2)
+@pytest.mark.parametrize(("name", "options"), [("tv", {}), ("wavelet", {}), ("ffdnet", {"first": 0}), ("tv+bm3d", {})])
+def test_not_restless(scene, name, options):
+    prior = pnp_sci.make_prior(name, **options)
+    solve(scene.y, scene.masks, prior, iterations=2, scene="full")
     assert not getattr(prior, "restless", False)
 
 
-@pytest.mark.parametrize(("name", "frames"), [("video", 3), ("video", 1), ("ffdnet", 1), ("flow", 3), ("bm3d", 3)])
+@pytest.mark.parametrize("name", ["bm3d", "flow", "ffdnet", "video", "both"])
+@pytest.mark.parametrize("frames", [1, 3])
 def test_restless_once_tv_no_longer_serves(name, frames):
+    if (name, frames) == ("ffdnet", 3):
+        pytest.skip("estimates of an image net rise for long where frames move")
     prior = pnp_sci.make_prior(name, first=2)
     x = np.random.default_rng(0).random((1, frames, 32, 32), np.float32)
     for _ in range(2):

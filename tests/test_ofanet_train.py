@@ -422,6 +422,7 @@ def usual(held_out):
 
 
 def test_refine_net_gains(held_out):
+    """In every other pair: it takes seconds for each."""
     separated, refined = (
         quality(held_out[::2], lambda shape: moving_masks(shape, seed=11), model) for model in ("ofanet-fast", "ofanet")
     )
