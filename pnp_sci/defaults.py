@@ -26,7 +26,9 @@ PER_FRAME = {"fast": 0, "balanced": 1.5, "best": 2.5}
 LEAST, MOST = {"fast": 20, "balanced": 30, "best": 30}, 50
 AUTO = {"fast": "tv", "balanced": "video", "best": "both"}  # what "auto" stands for
 AUTO_UNLEARNED = {"fast": "tv", "balanced": "flow", "best": "flow"}  # where PyTorch is missing
-JUDGED_WITH = {"neighbours": 2, "tolerance": 3.0}  # options of `flow` with which the judge's limits were chosen
+# Options of `flow` with which the judge's limits were chosen. Neither prior may find by itself what stands still: the
+# models to be compared would be alike.
+JUDGED_WITH = {"neighbours": 2, "tolerance": 3.0, "still": False}
 QUICK = ("tv", "wavelet", "none")  # priors that make no more of a scene than its judge does
 
 
@@ -58,7 +60,7 @@ def choose_scene(scene: str | SceneModel, problem: Problem, prior: Any = None) -
         return scene
     if scene == "full" or "tv" not in registry.available("priors"):
         return full(problem.op)
-    tv = registry.load("priors", "tv")()
+    tv = registry.load("priors", "tv")(still=False)
     if prior in QUICK or "flow" not in registry.available("priors"):
         return judge(problem, tv)
     half = patience(problem.op) // 2  # the other half shows what motion tells

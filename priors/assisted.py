@@ -133,6 +133,11 @@ class Assisted:
         return self._last is not None and (getattr(self.net, "restless", False) or self._last.shape[1] == 1)
 
     @property
+    def at_rest(self) -> list[float]:
+        """The part of each view in which the network has seen nothing move; none of those that see no motion."""
+        return getattr(self.net, "at_rest", [])
+
+    @property
     def sha256(self) -> str:
         """Hash of the values of the weights, 64 hexadecimal digits."""
         return self.net.sha256

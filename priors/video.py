@@ -17,6 +17,7 @@ from .motion import Motion, finished, may_show_motion, measure
 NEIGHBOURS = 3  # frames either side that help a frame
 TOLERANCE = 0.85  # difference between a frame and its warped neighbour at which that counts 1/e, in units of sigma
 DRIFT = 1.5  # pixels between going there and back along the flow at which a neighbour counts 1/e
+REST = 0.2  # standard deviation along time, in units of sigma, at which a pixel counts 1/e as still
 # Part of sigma that the image net is told where frames are to show motion: detail tells more than grain. On validation
 # clips 1 is 0.06 dB worse.
 SHARP = 0.7
@@ -75,6 +76,7 @@ class VideoDenoiser(Learned):
         self._calls = 0
         self._fits: tuple[int, ...] | None = None
         self._motion: list[Motion] = []
+        self.at_rest: list[float] = []  # part of each view in which nothing moves, as last measured
 
     @property
     def restless(self) -> bool:
@@ -99,6 +101,7 @@ class VideoDenoiser(Learned):
             return self.image._noise(x, sigma, turn)
         if self._calls % self.renew == 0 or not self._motion:
             self._motion = see(self.image, x, sigma, self._motion if self.renew > 1 else None)
+            self.at_rest = [seen.at_rest for seen in self._motion]
         self._calls += 1
         mean, level = averaged(x, sigma, self._motion)
         frames = mean.reshape(-1, *x.shape[2:]), level.reshape(-1, *x.shape[2:])
@@ -122,7 +125,7 @@ def see(image: FFDNet, x: np.ndarray, sigma: float, before: list[Motion] | None 
     The search begins with the motion `before` of earlier estimates of the views.
     """
     views = zip(image(x, SHARP * sigma), before or [None] * len(x))
-    return [measure(view, NEIGHBOURS, TOLERANCE * sigma, DRIFT, motion) for view, motion in views]
+    return [measure(view, NEIGHBOURS, TOLERANCE * sigma, DRIFT, REST * sigma, motion) for view, motion in views]
 
 
 def averaged(x: np.ndarray, sigma: float, motion: list[Motion]) -> tuple[np.ndarray, np.ndarray]:

@@ -4,12 +4,12 @@ from importlib.util import find_spec
 
 import numpy as np
 import pytest
-from scipy.ndimage import gaussian_filter
+from scipy.ndimage import gaussian_filter, gaussian_gradient_magnitude, shift
 
 import pnp_sci
 from pnp_sci import datasets
 from pnp_sci.errors import InputError
-from priors import assisted, flow
+from priors import assisted, flow, motion
 from priors._flow_kernels import FRACTION
 from priors._match_kernels import choose, consistency, differ, smooth, steady
 from priors.both import Both
@@ -29,28 +29,70 @@ def moving():
 
 
 def test_the_flow_is_that_of_the_scene(moving):
-    motion = measure(moving[0], neighbours=2, tolerance=0.1, drift=1.5)
-    for (b, n), field in zip(motion.pairs, motion.flow / 64):
+    seen = measure(moving[0], neighbours=2, tolerance=0.1, drift=1.5, rest=0.01)
+    for (b, n), field in zip(seen.pairs, seen.flow / 64):
         np.testing.assert_allclose(np.median(field, axis=(0, 1)), (2 * (n - b), n - b), atol=0.1)
 
 
 def test_averaging_along_motion_keeps_the_scene_and_lowers_noise(moving):
     rng = np.random.default_rng(0)
-    motion = measure(moving[0], neighbours=3, tolerance=0.2, drift=1.5)
+    seen = measure(moving[0], neighbours=3, tolerance=0.2, drift=1.5, rest=0.01)
     same, less = np.empty_like(moving[0]), np.empty_like(moving[0])
-    motion.average(moving[0], same)
+    seen.average(moving[0], same)
     inner = (slice(None), slice(16, -16), slice(16, -16))
     assert np.sqrt(np.mean((same - moving[0])[inner] ** 2)) < 0.02
     noise = 0.05 * rng.standard_normal(moving[0].shape).astype(np.float32)
-    motion.average(moving[0] + noise, less)
+    seen.average(moving[0] + noise, less)
     assert np.std((less - same)[inner]) < 0.6 * np.std(noise)
+
+
+def test_what_stands_still_is_told_from_what_moves_however_slowly():
+    """A still picture, seen with noise, in which a square goes by; and one that moves by 0.3 pixels a frame."""
+    rng = np.random.default_rng(0)
+    picture = datasets.embedded_scene(128).truth[0, 0].astype(np.float32)
+    still, slow = np.repeat(picture[None, 14:110, 14:110], 10, 0), []
+    for b in range(10):
+        still[b, 40:60, 10 + 6 * b : 30 + 6 * b] = 0.5 * picture[:20, :20]
+        slow.append(shift(picture, (0, 0.3 * b), order=3)[14:110, 14:110])
+    noise = 0.02 * rng.standard_normal(still.shape).astype(np.float32)
+    seen = measure(still + noise, 3, 0.1, 1.5, rest=0.03)
+    assert np.median(seen.still[5:32]) > 0.7
+    assert np.median(seen.still[44:56, 16:80]) < 0.01
+    textured = gaussian_gradient_magnitude(picture, 1)[14:110, 14:110] > 0.05
+    assert np.median(measure(np.stack(slow) + noise, 3, 0.1, 1.5, rest=0.03).still[textured]) < 0.05
+
+
+def test_still_pixels_become_the_mean_of_all_frames():
+    """And by as much as they are still; of white noise as much is left as `remaining` says."""
+    view = np.random.default_rng(0).standard_normal((8, 40, 50)).astype(np.float32)
+    none = np.zeros((0, 40, 50), np.uint8)
+    still = np.linspace(0, 1, 50, dtype=np.float32) * np.ones((40, 1), np.float32)
+    alone = np.zeros((0, 2), np.int64), np.zeros(9, np.int64), np.zeros((0, 40, 50, 2), np.int16), none
+    out, seen = np.empty_like(view), Motion(*alone, still)
+    seen.average(view, out)
+    np.testing.assert_allclose(out, view + still * (view.mean(0) - view), atol=1e-5)
+    np.testing.assert_allclose(seen.remaining[:, :, [0, -1]], [[[1, 8**-0.5]]] * np.ones((8, 40, 1)), rtol=1e-5)
+
+
+@pytest.mark.parametrize("kind", KINDS)
+def test_a_camera_that_stands_still_helps(kind, monkeypatch):
+    """A square goes by before a still picture: what is still gains by all frames, and nothing else loses."""
+    truth = np.repeat(datasets.embedded_scene(96).truth[:1, :1], 10, 1)
+    for b in range(10):
+        truth[0, b, 30:50, 5 * b : 5 * b + 20] = 0.9
+    masks = pnp_sci.moving_masks(truth.shape, seed=1)
+    y = pnp_sci.simulate(truth, masks)
+    with_it = pnp_sci.solve(y, masks, kind(), scene="full", init="adjoint").x
+    monkeypatch.setattr(motion, "_at_rest", lambda pilot, *_: np.zeros(pilot.shape[1:], np.float32))
+    without = pnp_sci.solve(y, masks, kind(), scene="full", init="adjoint").x
+    assert pnp_sci.psnr(with_it, truth)[0] > pnp_sci.psnr(without, truth)[0] + 0.1
 
 
 def test_strangers_do_not_help():
     """Frames without anything in common are left alone."""
     frames = np.random.default_rng(0).random((3, 64, 64)).astype(np.float32)
-    motion = measure(frames, neighbours=2, tolerance=0.05, drift=1.5)
-    assert motion.weights.mean() < 2.55
+    seen = measure(frames, neighbours=2, tolerance=0.05, drift=1.5, rest=0.01)
+    assert seen.weights.mean() < 2.55
 
 
 def test_bm3d_is_told_what_the_averages_leave(moving, monkeypatch):
@@ -189,16 +231,16 @@ def test_search_begins_with_earlier_motion(shape):
     rows, columns = shape
     picture = gaussian_filter(np.random.default_rng(0).standard_normal((rows, columns + 20)), 1).astype(np.float32)
     view = 0.5 + np.stack([picture[:, 20:], picture[:, :columns]])
-    lost = measure(view, neighbours=1, tolerance=0.1, drift=1.5)
+    lost = measure(view, neighbours=1, tolerance=0.1, drift=1.5, rest=0.01)
     known = np.zeros_like(lost.flow)
     known[0, ..., 0], known[1, ..., 0] = 20 * FRACTION, -20 * FRACTION
-    found = measure(view, 1, 0.1, 1.5, Motion(lost.pairs, lost.first, known, lost.weights))
+    found = measure(view, 1, 0.1, 1.5, 0.01, Motion(lost.pairs, lost.first, known, lost.weights, lost.still))
     inner = np.s_[:, 24:-24, 24:-24]
     assert np.median(np.abs(found.flow - known)[inner]) < FRACTION / 4
     assert found.weights[inner].mean() > 200
     assert lost.weights[inner].mean() < 20
-    others = Motion(lost.pairs[:1], lost.first, known[:1], lost.weights[:1])
-    np.testing.assert_array_equal(measure(view, 1, 0.1, 1.5, others).flow, lost.flow)
+    others = Motion(lost.pairs[:1], lost.first, known[:1], lost.weights[:1], lost.still)
+    np.testing.assert_array_equal(measure(view, 1, 0.1, 1.5, 0.01, others).flow, lost.flow)
 
 
 def test_scaled_flow_stays_within_its_type():

@@ -8,7 +8,7 @@ import pytest
 
 from pnp_sci import datasets
 from pnp_sci.errors import DataUnavailableError, FormatError, InputError, InputTypeError
-from priors import video
+from priors import motion, video
 from priors.ffdnet import FFDNet
 from priors.motion import measure
 from priors.video import VideoDenoiser
@@ -91,7 +91,9 @@ def test_views_do_not_mix(prior):
     np.testing.assert_allclose(prior(x[:1], 0.1), prior(x, 0.1)[:1], atol=2e-3)
 
 
-def test_only_the_video_net_looks_at_neighbours(prior):
+def test_only_the_video_net_looks_at_neighbours(prior, monkeypatch):
+    """Where nothing stands still; else at all frames."""
+    monkeypatch.setattr(motion, "_at_rest", lambda pilot, *_: np.zeros(pilot.shape[1:], np.float32))
     x = scene(48)
     x = np.concatenate([x, x[:, -2:0:-1]], 1)  # to and fro
     other = x.copy()
@@ -130,14 +132,14 @@ def test_motion_serves_several_calls_until_it_is_forgotten(weights, monkeypatch)
 def test_what_averages_leave_of_noise():
     """Of white noise, as `Motion.remaining` says."""
     x = scene(64)[0]
-    motion = measure(x, 3, 0.2, 1.5)
+    seen = measure(x, 3, 0.2, 1.5, 1e-3)
     white = np.random.default_rng(0).standard_normal((20, *x.shape), np.float32)
     left = np.empty_like(white)
     for noise, out in zip(white, left):
-        motion.average(noise, out)
-    assert motion.remaining.shape == x.shape
-    assert 1 / np.sqrt(7) <= motion.remaining.min() < 0.5
-    assert np.sqrt((left**2).mean()) == pytest.approx(np.sqrt((motion.remaining**2).mean()), rel=0.2)
+        seen.average(noise, out)
+    assert seen.remaining.shape == x.shape
+    assert 1 / np.sqrt(7) <= seen.remaining.min() < 0.5
+    assert np.sqrt((left**2).mean()) == pytest.approx(np.sqrt((seen.remaining**2).mean()), rel=0.2)
 
 
 def test_network_believes_the_level_of_each_pixel():

@@ -7,8 +7,9 @@ import pytest
 from scipy.ndimage import gaussian_filter
 from skimage.restoration import denoise_tv_chambolle
 
+import pnp_sci
 from pnp_sci.errors import InputError
-from priors.tv import SETTLE, STEP, TIME_BEFORE, TIME_NOISY, TV, time_weights
+from priors.tv import SETTLE, STEP, TIME_BEFORE, TIME_NOISY, TV, at_rest, time_weights
 
 
 def steps_and_noise(shape, dtype=np.float64):
@@ -216,3 +217,52 @@ def test_with_noise_weights_along_time_are_the_same_everywhere(sigma, weight):
 def test_options(options, message):
     with pytest.raises(InputError, match=message):
         TV(**options)
+
+
+def half_still(frames=10):
+    """Two views (2, B, 40, 64) of a picture; in the first one the right half flickers, in the second one all does."""
+    rng = np.random.default_rng(0)
+    picture = gaussian_filter(rng.standard_normal((40, 64)), 3)
+    v = 0.5 + np.repeat(picture[None, None], frames, 1).repeat(2, 0)
+    flicker = 4 * gaussian_filter(rng.standard_normal(v.shape), (0, 0, 3, 3))
+    flicker[0, ..., :32] = 0
+    v += flicker
+    return v.astype(np.float32)
+
+
+def test_what_stands_still_is_seen():
+    """1 where frames are alike, 0 where they are not; ``exp(-1)`` where they differ by `rest`."""
+    v = half_still()
+    still = at_rest(v[0], 0.02)
+    assert still[:, :24].min() > 0.99
+    assert np.median(still[:, 36:]) < 0.01
+    rows = np.array([-1, 1] * 4)[:, None, None] * np.full((8, 16, 16), 0.02)
+    np.testing.assert_allclose(at_rest(rows, 0.02), np.exp(-1), rtol=1e-6)
+
+
+def test_still_pixels_take_their_mean():
+    """After 40 calls, where nothing moves, and in no other view; not with ``still=False``."""
+    v = half_still() + 0.003 * np.random.default_rng(1).standard_normal((2, 10, 40, 64)).astype(np.float32)
+    with_it, without = TV(), TV(still=False)
+    for _ in range(SETTLE):
+        out, other = with_it(v, 0.05), without(v, 0.05)
+    assert with_it.at_rest[0] == pytest.approx(0.5, abs=0.15)
+    assert with_it.at_rest[1] < 0.1
+    assert without.at_rest == []
+    assert out[0, :, :, :24].std(0).max() < 1e-4 < other[0, :, :, :24].std(0).min()
+    np.testing.assert_allclose(out[0, :, :, :24].mean(0), other[0, :, :, :24].mean(0), atol=1e-4)
+    np.testing.assert_allclose(np.median(np.abs(out - other)[1]), 0, atol=1e-5)
+
+
+def test_a_camera_that_stands_still_helps():
+    """A square goes by before a still picture."""
+    truth = np.repeat(pnp_sci.datasets.embedded_scene(96).truth[:1, :1], 10, 1)
+    for b in range(10):
+        truth[0, b, 30:50, 5 * b : 5 * b + 20] = 0.9
+    masks = pnp_sci.moving_masks(truth.shape, seed=1)
+    y = pnp_sci.simulate(truth, masks)
+    results = [pnp_sci.solve(y, masks, "tv", scene="full", still=still) for still in (True, False)]
+    gained, plain = (pnp_sci.psnr(result.x, truth)[0] for result in results)
+    assert gained > plain + 0.1
+    assert results[0].scene["at_rest"][0] > 0.2
+    assert results[1].scene["at_rest"] == []
