@@ -90,8 +90,8 @@ def solve(
         with the iterations of "best", whatever the effort; see :func:`pnp_sci.recommend`.
     scene : "auto", "full" or SceneModel
         What to model. "auto" drops views that are dark and models a scene in which nothing moves by one frame per view;
-        `Result.scene` says what was modelled and why, in which part of each view that moves `flow`, `video` and `both`
-        have seen nothing move, how many pixels of y are saturated, and how many every mask leaves closed.
+        `Result.scene` says what was modelled and why, which part of each view the prior has found to stand still, how
+        many pixels of y are saturated, and how many every mask leaves closed.
     iterations : int, optional
         At most so many, with those that the prior leaves to TV; by default as `effort` says, or as many as the stages
         of the prior have.
@@ -231,8 +231,8 @@ def solve(
             problems.append(problem)
             shares.append(parts)
             lost = 0 if problem.saturated is None else int(problem.saturated.sum())
-            rest = {"at_rest": [round(part, 3) for part in getattr(denoiser, "at_rest", [])]}
-            scenes.append(described | rest | {"saturated": lost, "closed": int((op.gram == 0).sum())})
+            described["at_rest"] = model.at_rest(getattr(denoiser, "at_rest", []))
+            scenes.append(described | {"saturated": lost, "closed": int((op.gram == 0).sum())})
             records += [replace(record, measurement=n) for record in course]
             if truth and course:
                 records[-1] = replace(records[-1], ssim=truth.ssim(videos[n], n))

@@ -128,6 +128,11 @@ class Joint:
         """Whether one of them is."""
         return any(getattr(denoiser, "restless", False) for denoiser in self.denoisers)
 
+    @property
+    def at_rest(self) -> list[float]:
+        """The part of each view that stands still, as the first of them says that knows."""
+        return next((found for d in self.denoisers if (found := getattr(d, "at_rest", []))), [])
+
 
 def _mean(members: list[tuple[Callable, float]], x: np.ndarray, sigma: float) -> np.ndarray:
     """The mean of what functions of (x, sigma) return, each with its share."""

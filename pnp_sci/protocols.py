@@ -23,7 +23,7 @@ class Denoiser(Protocol):
     ``restless`` is true, since its calls move the estimates to and fro, solve returns a mean of them.
     What ``finish(x, sigma)`` makes of the last estimate takes its place, unless the solver has failed. A joint prior is
     restless while one of its members is, and finishes as those do that can; stages are asked for neither.
-    ``at_rest``, a list of the part of each view in which nothing moves, goes into ``Result.scene``.
+    ``at_rest``, a list of the part of each view that stands still, goes into ``Result.scene``; stages are not asked.
     """
 
     def __call__(self, x: np.ndarray, sigma: float) -> np.ndarray:

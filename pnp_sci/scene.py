@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import asdict, dataclass
 from typing import Any
 
@@ -91,6 +92,12 @@ class SceneModel:
             still = np.array(self.still) & np.array(self.views)
             full[still] = full[still].mean(1, keepdims=True)
         return full
+
+    def at_rest(self, parts: Sequence[float]) -> list[float | None]:
+        """The part of each view that stands still, from that of the modelled ones; None where nothing is known."""
+        known = dict(zip(np.flatnonzero(self.views).tolist(), parts))
+        moving = [lit and not still for lit, still in zip(self.views, self.still)]  # type: ignore[arg-type]
+        return [round(float(known[v]), 3) if moves and v in known else None for v, moves in enumerate(moving)]
 
     def describe(self, op: SensingOperator) -> dict[str, Any]:
         """For `Result.scene`."""

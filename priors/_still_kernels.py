@@ -5,7 +5,7 @@ import numpy as np
 
 from pnp_sci._jit import kernel
 
-HARDLY = 0.02  # a row in which nothing is stiller than that is left as it is
+HARDLY = 0.02  # a row in which nothing is stiller than that is left as it is: most of those that move cost nothing
 
 
 @kernel
@@ -31,7 +31,7 @@ def tie(view, still, out):
     frames, rows, columns = view.shape
     part = view.dtype.type(1 / frames)
     for i in numba.prange(rows):
-        if not still[i].max() >= HARDLY:
+        if still[i].max() < HARDLY:
             continue
         mean = np.zeros(columns, view.dtype)
         for b in range(frames):

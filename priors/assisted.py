@@ -134,8 +134,8 @@ class Assisted:
 
     @property
     def at_rest(self) -> list[float]:
-        """The part of each view in which the network has seen nothing move; none of those that see no motion."""
-        return getattr(self.net, "at_rest", [])
+        """The part of each view that stands still, as the network or TV has measured last; empty if neither has."""
+        return getattr(self.net, "at_rest", []) or self.without.at_rest
 
     @property
     def sha256(self) -> str:
@@ -164,7 +164,7 @@ def ffdnet(weights: str | Path | None = None, device: str | None = None, first: 
     first : int
         Calls at the beginning that TV has for itself, >= 0.
     """
-    return Assisted(FFDNet(weights, device), TV(), TV(BESIDE_IMAGE), IMAGE, first)
+    return Assisted(FFDNet(weights, device), TV(), TV(BESIDE_IMAGE, still=False), IMAGE, first)
 
 
 def video(weights: str | Path | None = None, device: str | None = None, first: int = FIRST_OF_VIDEO) -> Assisted:
@@ -181,5 +181,5 @@ def video(weights: str | Path | None = None, device: str | None = None, first: i
         Calls at the beginning that TV has for itself, >= 0.
     """
     net = VideoDenoiser(weights, device, RENEW)
-    still = Assisted(net.image, TV(), TV(BESIDE_IMAGE), IMAGE, first)
+    still = Assisted(net.image, TV(), TV(BESIDE_IMAGE, still=False), IMAGE, first)
     return Assisted(net, TV(), TV(BESIDE_VIDEO, time=0), VIDEO, first, still)

@@ -48,11 +48,6 @@ class Both(Joint):
         self.flow, self.video = Flow(first=first), video(weights, device, first)
         super().__init__([self.flow, self.video], SHARES)
 
-    @property
-    def at_rest(self) -> list[float]:
-        """As `video` has it."""
-        return self.video.at_rest
-
     def __call__(self, x: np.ndarray, sigma: float) -> np.ndarray:
         """Denoise x (V, B, H, W), values about [0, 1]; arguments, result and errors are those of `video`."""
         if np.ndim(x) == 4 and may_show_motion(np.shape(x)):

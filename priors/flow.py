@@ -43,7 +43,8 @@ class Flow:
     call estimates the optical flow from each frame straight to each of its neighbours (never chained: chains drift) and
     how far to trust it: where the flow there and the flow back do not cancel, or where the warped neighbour differs
     from the frame, it counts little. Where frames match better by them, a steady motion and that of the surroundings
-    take the place of what was found. Every call denoises the frames on their own, by TV, and averages each with its
+    take the place of what was found. Pixels that stand still, where neither the frames change nor a flow explains what
+    little they do, share all frames. Every call denoises the frames on their own, by TV, and averages each with its
     neighbours, warped onto it, by these weights; :class:`priors.bm3d.BM3D`, told 1.6 times the noise that this leaves
     in each pixel, filters what comes of it, and has clips of one frame for itself. Clips below 32 pixels a side show no
     motion and are left to TV.
@@ -60,7 +61,8 @@ class Flow:
     first : int
         Calls at the beginning of a video that are left to TV, >= 0.
     still : bool
-        Whether pixels in which nothing moves become the mean of all frames, by as much as they hardly change.
+        Whether pixels that hardly change along time become, by as much as they surely stand still, the mean of all
+        frames.
 
     Raises
     ------
@@ -111,7 +113,7 @@ class Flow:
         self._calls = 0
         self._fits: tuple[int, ...] | None = None
         self._motion: list[Motion] = []
-        self.at_rest: list[float] = []  # part of each view in which nothing moves, as last measured
+        self._at_rest: list[float] = []
         self._left = np.empty(0, np.float32)  # of each pixel, what BM3D is told, in units of sigma
         for denoiser in (self._before, self._frames, self._patches):
             denoiser.reset()
@@ -120,6 +122,11 @@ class Flow:
     def restless(self) -> bool:
         """As BM3D says of itself."""
         return self._patches.restless
+
+    @property
+    def at_rest(self) -> list[float]:
+        """The part of each view that stands still, as last measured."""
+        return self._at_rest or self._before.at_rest
 
     def __call__(self, x: Any, sigma: float) -> np.ndarray:
         """Denoise x (V, B, H, W), values about [0, 1]; see :class:`priors.tv.TV` for arguments and result."""
@@ -141,11 +148,10 @@ class Flow:
     def _averaged(self, v: np.ndarray, sigma: float) -> np.ndarray:
         """Each frame of v (V, B, H, W) averaged with its neighbours along their motion."""
         if (self._calls - self.first) % RENEW == 1 or not self._motion:
-            rest = min(REST * sigma, REST_MOST) if self.still else 0.0
-            seeing = self.neighbours, self.tolerance * sigma, self.drift, rest
+            seeing = self.neighbours, self.tolerance * sigma, self.drift, self._rest(sigma)
             before = self._motion or [None] * len(v)
             self._motion = [measure(view, *seeing, motion) for view, motion in zip(v, before)]
-            self.at_rest = [seen.at_rest for seen in self._motion]
+            self._at_rest = [seen.at_rest for seen in self._motion]
             self._left = np.stack([GRAIN * seen.remaining for seen in self._motion])
         out = np.empty_like(v)
         for view, seen, averaged in zip(v, self._motion, out):
@@ -160,4 +166,8 @@ class Flow:
         if not self._motion:
             return x
         self._motion, self._left = [], self._left[:0]  # a further call measures anew; until then they would take memory
-        return finished(x, sigma, self.neighbours, self.drift)
+        return finished(x, sigma, self.neighbours, self.drift, self._rest(sigma))
+
+    def _rest(self, sigma: float) -> float:
+        """Standard deviation along time at which a pixel counts 1/e as still; 0 where none may."""
+        return min(REST * sigma, REST_MOST) if self.still else 0.0

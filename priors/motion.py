@@ -59,21 +59,25 @@ class Motion:
     def average(self, view: np.ndarray, out: np.ndarray) -> None:
         """out (B, H, W) <- each frame of view (B, H, W), C-ordered, averaged with its neighbours along their motion.
 
-        Where nothing moves it becomes the mean of all frames.
+        Pixels that stand still become, by as much as they surely do, the mean of all frames.
         """
         averages.average(view, self.flow, self.weights, self.pairs, self.first, out)
         tie(view, self.still, out)
 
     @cached_property
     def remaining(self) -> np.ndarray:
-        """What averaging leaves of the standard deviation of white noise, float32 (B, H, W), 1 where nothing helped."""
+        """What averaging along motion leaves of the standard deviation of white noise, float32 (B, H, W).
+
+        It is 1 where nothing helped. That pixels stand still does not count: on still clips that would be as good, but
+        the frames of a view that is modelled by one are the same, and their noise is the same too.
+        """
         left = np.empty((len(self.first) - 1, *self.weights.shape[1:]), np.float32)
         averages.remaining(self.weights, self.first, left)
-        return left + self.still * (np.float32(len(left) ** -0.5) - left)
+        return left
 
     @property
     def at_rest(self) -> float:
-        """The part of the picture in which nothing moves."""
+        """The part of the picture that stands still."""
         return float(self.still.mean())
 
 
@@ -176,7 +180,7 @@ def _at_rest(pilot: np.ndarray, pairs: np.ndarray, distance: np.ndarray, rest: f
         return np.zeros(pilot.shape[1:], np.float32)
     steps = pairs[:, 1] - pairs[:, 0]
     far = int(steps.max())
-    apart = cv2.GaussianBlur(np.mean((pilot[far:] - pilot[:-far]) ** 2, 0), (0, 0), 1.2)  # as `distance` is smoothed
+    apart = cv2.GaussianBlur(np.mean((pilot[far:] - pilot[:-far]) ** 2, 0), (0, 0), 1.2)  # much as `distance` is
     gained = cv2.GaussianBlur(apart - distance[np.abs(steps) == far].mean(0), (0, 0), 1.0)
     variance = np.empty_like(pilot[0])
     spread(pilot, variance)
@@ -211,15 +215,15 @@ def _resized(flow: np.ndarray, shape: tuple[int, ...]) -> np.ndarray:
     return np.clip(np.rint(resized), -matches.LIMIT, matches.LIMIT).astype(np.int16)
 
 
-def finished(x: np.ndarray, sigma: float, neighbours: int, drift: float) -> np.ndarray:
+def finished(x: np.ndarray, sigma: float, neighbours: int, drift: float, rest: float) -> np.ndarray:
     """A solver's last estimate (V, B, H, W), averaged along the motion that it shows itself.
 
-    `sigma` is the solver's, the other arguments are those of :func:`measure`. Done in every iteration it is worth as
-    much as done once, in the end.
+    `sigma` is the solver's, the other arguments are those of :func:`measure` in its calls. Done in every iteration it
+    is worth as much as done once, in the end.
     """
     out = np.empty_like(x)
     for view, mean in zip(x, out):
-        measure(view, neighbours, CERTAIN * sigma, drift, CERTAIN * sigma).average(view, mean)
+        measure(view, neighbours, CERTAIN * sigma, drift, CERTAIN * rest).average(view, mean)
     return out
 
 

@@ -55,8 +55,9 @@ class TV:
     isotropic : bool
         Penalise the length of the gradient (True) or the sum of its absolute parts (False).
     still : bool
-        With ``time="auto"``, from the 40th call on pixels that hardly change along time become, by as much as they do
-        not, the mean of all frames.
+        With ``time="auto"`` and a sigma up to 0.25, from the 40th call on: pixels whose standard deviation along time,
+        looked at in every twentieth call, is below 0.4 `w` and 0.03, become the mean of all frames, wholly where it is
+        0.
 
     Raises
     ------
@@ -111,7 +112,7 @@ class TV:
 
     @property
     def at_rest(self) -> list[float]:
-        """The part of each view in which nothing moves, as last measured."""
+        """The part of each view that stands still, as last measured."""
         return [float(still.mean()) for still in self._still]
 
     def __call__(self, x: Any, sigma: float, out: np.ndarray | None = None) -> np.ndarray:
@@ -160,9 +161,9 @@ class TV:
                 self._weights = np.stack([time_weights(view) for view in out])
             else:
                 self._weights[:] = TIME_NOISY
-        if self.still and self._calls >= SETTLE and self.time == "auto" and v.shape[1] > 1:
+        if self.still and self._calls >= SETTLE and self.time == "auto" and v.shape[1] > 1 and sigma <= LOUD:
             if (self._calls - SETTLE) % LOOK == 0:
-                rest = min(REST * weight, REST_MOST)
+                rest = float(min(REST * weight, REST_MOST))
                 self._still = [at_rest(view, rest) for view in out]
             for view, still in zip(out, self._still):
                 tie(view, still, view)

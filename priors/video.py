@@ -28,7 +28,8 @@ class VideoDenoiser(Learned):
     """Learned video denoiser, view by view: each frame is averaged with its neighbours along their motion, then mended.
 
     The image net cleans the frames, and the cleaned frames show the motion. Along it the frames are averaged as they
-    came, so that no detail is lost: what moves by itself is left alone. A network of the same size takes off the noise
+    came, so that no detail is lost: what moves by itself is left alone, and pixels that stand still take the mean of
+    all frames. A network of the same size takes off the noise
     that remains, whose level differs from pixel to pixel with the number of neighbours that agreed. It takes any noise
     level (trained for standard deviations of 0 to 75 of 255). Clips of one frame, or of frames below 32 pixels a side,
     show no motion and are left to the image net.
@@ -76,7 +77,7 @@ class VideoDenoiser(Learned):
         self._calls = 0
         self._fits: tuple[int, ...] | None = None
         self._motion: list[Motion] = []
-        self.at_rest: list[float] = []  # part of each view in which nothing moves, as last measured
+        self.at_rest: list[float] = []  # part of each view that stands still, as last measured
 
     @property
     def restless(self) -> bool:
@@ -116,7 +117,7 @@ class VideoDenoiser(Learned):
         if not self._motion:
             return x
         self._motion = []  # a further call measures it anew; until then it would take memory
-        return finished(x, sigma, NEIGHBOURS, DRIFT)
+        return finished(x, sigma, NEIGHBOURS, DRIFT, REST * sigma)
 
 
 def see(image: FFDNet, x: np.ndarray, sigma: float, before: list[Motion] | None = None) -> list[Motion]:

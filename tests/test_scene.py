@@ -115,10 +115,13 @@ def test_a_still_view_beside_a_moving_one_is_found_by_thorough_priors(scene, sti
     for frozen in (0, 1):
         truth = np.stack([still[v] if v == frozen else scene.truth[v] for v in (0, 1)])
         y = pnp_sci.simulate(truth, scene.masks)
-        found, full = (solve(y, scene.masks, "flow", scene=m) for m in ("auto", "full"))
+        found = solve(y, scene.masks, "flow")
+        full, moving = (solve(y, scene.masks, "flow", scene="full", still=still) for still in (True, False))
         assert found.scene["still"] == (frozen == 0, frozen == 1)
         assert f"shows of view {frozen + 1}" in found.scene["reason"]
-        assert psnr(found, truth) > psnr(full, truth) + 0.5
+        assert psnr(found, truth) > psnr(moving, truth) + 0.5
+        assert psnr(full, truth) > psnr(moving, truth), "pixel by pixel some of it is found as well"
+        assert full.scene["at_rest"][frozen] > 1.5 * full.scene["at_rest"][1 - frozen]
         assert isinstance(solve(y, scene.masks, "tv", iterations=1).scene["still"], bool), "tv looks for none"
 
 
@@ -212,3 +215,19 @@ def test_views_that_cannot_be_told_apart_share_the_light(dtype):
     y = op.forward(np.full(op.shape, 0.5, dtype)) + 0.05 * random.standard_normal((256, 256)).astype(dtype)
     first, second = view_levels(op, y)
     assert second / first == pytest.approx(1.09, abs=1e-2)
+
+
+def test_what_stands_still_is_said_of_each_view(scene):
+    """Of a dark view nothing is known, nor of one that is modelled by one frame, nor by priors that do not look."""
+    for model, known in (
+        (SceneModel((False, True)), (False, True)),
+        (SceneModel((True, True), (True, False)), (False, True)),
+        (SceneModel((True, True), True), (False, False)),
+        (SceneModel((True, True)), (True, True)),
+    ):
+        y = np.stack([scene.y, 0.9 * scene.y])
+        for one in solve(y, scene.masks, "tv", scene=model, iterations=41).scene["measurements"]:
+            assert [part is not None for part in one["at_rest"]] == list(known)
+    assert solve(scene.y, scene.masks, "wavelet", scene="full", iterations=1).scene["at_rest"] == [None, None]
+    joint = solve(scene.y, scene.masks, "wavelet+tv", scene="full", iterations=41, tol=0)
+    assert all(0 <= part < 1 for part in joint.scene["at_rest"])
