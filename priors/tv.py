@@ -27,11 +27,13 @@ TIME_BEFORE = 0.1  # weight along time until then: the best single value for mov
 # ... and from then on where noise hides what moves: on validation clips and three pairs of the benchmark 0.1 dB better
 # than 0.1 with noise of 0.03 to 0.1 of max(y), at worst 0.2 dB worse; with more noise it gains nothing
 TIME_NOISY, LOUD = 0.15, 0.25
-# Standard deviation along time, in units of the weight, at which a pixel counts 1/e as still, its largest value, and
-# calls between two looks. On 18 videos (11 of the validation, 7 of the training), some of cameras that stand still, 0.4
-# gains 0.2 dB in the mean with two views of 6, 10 and 14 frames, up to 2 where most stands still, and loses 0.1 at
-# worst; 0.6 gains 0.3 and loses 0.2. Without a bound moving ones lose up to 0.7 dB with noise of 0.1 of max(y).
-REST, REST_MOST, LOOK = 0.4, 0.03, 20
+# Standard deviation along time at which a pixel counts 1/e as still, in units of the weight, for each frame of all
+# views: the fewer share y, the less do estimates change by mistake. Frames beyond which it grows no more, its largest
+# value, and calls between two looks. On 18 videos (11 of the validation, 7 of the training), some of cameras that stand
+# still, two views of 10 frames gain 0.2 dB in the mean, up to 0.7, and lose 0.03 at worst; half as much again gains 0.3
+# and loses 0.2. Two views of 6 gain 0.1; one of 8 gains 0.02 and loses 0.02 at worst, with as much as 20 frames have
+# 0.5. Without a bound moving ones lose up to 0.7 dB with noise of 0.1 of max(y).
+REST, REST_FRAMES, REST_MOST, LOOK = 0.02, 20, 0.03, 20
 
 
 class TV:
@@ -56,8 +58,8 @@ class TV:
         Penalise the length of the gradient (True) or the sum of its absolute parts (False).
     still : bool
         With ``time="auto"`` and a sigma up to 0.25, from the 40th call on: pixels whose standard deviation along time,
-        looked at in every twentieth call, is below 0.4 `w` and 0.03, become the mean of all frames, wholly where it is
-        0.
+        looked at in every twentieth call, is below 0.03 and, with 20 frames of all views or more, 0.4 `w`, less with
+        fewer, become the mean of all frames, wholly where it is 0.
 
     Raises
     ------
@@ -163,7 +165,7 @@ class TV:
                 self._weights[:] = TIME_NOISY
         if self.still and self._calls >= SETTLE and self.time == "auto" and v.shape[1] > 1 and sigma <= LOUD:
             if (self._calls - SETTLE) % LOOK == 0:
-                rest = float(min(REST * weight, REST_MOST))
+                rest = float(min(REST * min(v.shape[0] * v.shape[1], REST_FRAMES) * weight, REST_MOST))
                 self._still = [at_rest(view, rest) for view in out]
             for view, still in zip(out, self._still):
                 tie(view, still, view)

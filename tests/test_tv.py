@@ -261,14 +261,14 @@ def test_still_pixels_take_their_mean():
 
 
 def test_a_camera_that_stands_still_helps():
-    """A square goes by before a still picture."""
-    truth = np.repeat(pnp_sci.datasets.embedded_scene(96).truth[:1, :1], 10, 1)
+    """A square goes by before two still pictures."""
+    truth = np.repeat(pnp_sci.datasets.embedded_scene(96).truth[:, :1], 10, 1)
     for b in range(10):
-        truth[0, b, 30:50, 5 * b : 5 * b + 20] = 0.9
+        truth[:, b, 30:50, 5 * b : 5 * b + 20] = 0.9
     masks = pnp_sci.moving_masks(truth.shape, seed=1)
     y = pnp_sci.simulate(truth, masks)
     results = [pnp_sci.solve(y, masks, "tv", scene="full", still=still) for still in (True, False)]
-    gained, plain = (pnp_sci.psnr(result.x, truth)[0] for result in results)
-    assert gained > plain + 0.1
-    assert 0.25 < results[0].scene["at_rest"][0] < 0.86, "of 0.86 that the square leaves alone"
-    assert results[1].scene["at_rest"] == [None]
+    gained, plain = (np.mean(pnp_sci.psnr(result.x, truth)) for result in results)
+    assert gained > plain + 0.05
+    assert 0.2 < results[0].scene["at_rest"][0] < 0.86, "of 0.86 that the square leaves alone"
+    assert results[1].scene["at_rest"] == [None, None]
