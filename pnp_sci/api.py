@@ -99,7 +99,8 @@ def solve(
         Standard deviation of the noise of y, in its units; "auto" estimates it. A :class:`~pnp_sci.Sensor` says more of
         the camera: photon noise, saturated pixels, which only bound the light from below, and grey levels.
     sigma : float, optional
-        What the prior is called with, in units where x spans about [0, 1]; by default a rule on the noise decides.
+        What the prior is called with, in units where x spans about [0, 1]; by default a rule on the noise and the
+        number of frames decides.
     tol : float
         Stop when the measurement of the estimate changes by less than this share of ``||y||`` five times in a row; by
         less than that where masks hardly differ, being dense or many, and code only a small part of y.
