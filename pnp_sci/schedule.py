@@ -82,7 +82,7 @@ def schedule_for(op: SensingOperator, noise: float | np.ndarray, sigma: float | 
     fewer up to 4 times (2 frames) or 6 (one), the more the louder it is. It is less again where the noise in a pixel
     of x, ``noise / sqrt(gram)``, is no longer small, since the best weight of total variation then grows like the noise
     and not like its square. How quickly they get there depends on the two apart: without noise sigma is 0.04 to
-    0.0625, the more the more frames; with noise it begins with that, or with what it takes to have rho at 0.15 of the
+    0.0625, by the number of frames; with noise it begins with that, or with what it takes to have rho at 0.15 of the
     mean gram, and falls from there within 40 iterations half way back on a scale of powers, where flow and networks can
     see the motion and the detail that TV leaves.
     Where pixels differ in noise, each has its own rho, and the mean of the products decides on sigma.
