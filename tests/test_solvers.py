@@ -13,7 +13,7 @@ from pnp_sci.problem import level
 from pnp_sci.schedule import contrast, schedule_for
 from pnp_sci.solvers import ALGORITHMS, admm_step, gap_step, plain_gap_step, start
 from pnp_sci.solvers.gap import FASTEST, STEADY, TURNING, pace_after
-from priors.tv import TV
+from priors.tv import TRUSTED, TV
 
 
 def soften(x, sigma):
@@ -252,12 +252,18 @@ def test_noise_counts_the_more_the_fewer_frames_there_are():
 
 def test_sigma_goes_by_the_number_of_frames_where_there_is_no_noise():
     plans = [schedule_for(planes_of(views, frames), 0) for views, frames in ((2, 3), (1, 8), (2, 6), (2, 10), (2, 14))]
-    np.testing.assert_allclose([plan.first for plan in plans], [0.04, 0.045, 0.05, 0.05, 0.0583], rtol=1e-3)
+    np.testing.assert_allclose([plan.first for plan in plans], [0.04, 0.045, 0.05, 0.05, 0.0575], rtol=1e-3)
     assert all(plan.first == plan.last for plan in plans)
     assert schedule_for(planes_of(1, 8), 0, sigma=0.1).first == 0.1
     few, many = (schedule_for(planes_of(*shape), 2.0) for shape in ((1, 8), (2, 20)))
     assert 0.045 < few.last < few.first, "noise raises it, at first the more"
-    assert 0.0625 < many.last < many.first
+    assert 0.0575 < many.last < many.first
+
+
+def test_without_noise_sigma_is_none_to_tv_and_takes_no_call_away():
+    plan = schedule_for(planes_of(2, 20), 0)
+    assert plan.first <= TRUSTED
+    assert schedule_for(planes_of(2, 20), 1e-9).enough(50) == plan.enough(50) == 50
 
 
 def test_a_sigma_of_zero_beside_noise_is_no_error():
