@@ -40,7 +40,7 @@ class ResidualUnit(nn.Module):
 
     def forward(self, x: torch.Tensor) -> torch.Tensor:
         """(N, C, H, W) -> the same shape."""
-        return x + self.body(x)
+        return self.body(x).add_(x)
 
 
 def residual_block(channels: int) -> nn.Sequential:

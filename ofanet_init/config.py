@@ -42,6 +42,9 @@ class OFaNetConfig:
         Which optical flows the simplified refine net sees.
     joint : bool
         Whether the flow net learns together with the others.
+    passes : int
+        How often flow and refine net go over the video, each time with what is left of the measurement then; the
+        paper's once.
 
     Raises
     ------
@@ -51,7 +54,7 @@ class OFaNetConfig:
     Examples
     --------
     >>> OFaNetConfig(frames=6, refine="none")
-    OFaNetConfig(views=2, frames=6, amplifier=True, dual=True, refine='none', flow='both', joint=True)
+    OFaNetConfig(views=2, frames=6, amplifier=True, dual=True, refine='none', flow='both', joint=True, passes=1)
     """
 
     views: int = 2
@@ -61,9 +64,10 @@ class OFaNetConfig:
     refine: str = "simplified"
     flow: str = "both"
     joint: bool = True
+    passes: int = 1
 
     def __post_init__(self) -> None:
-        for name, value in (("views", self.views), ("frames", self.frames)):
+        for name, value in (("views", self.views), ("frames", self.frames), ("passes", self.passes)):
             if not isinstance(value, int) or value < 1:
                 raise InputError(f"{name} is {value!r}: a whole number >= 1 was expected")
         for name, value, known in (("refine", self.refine, REFINES), ("flow", self.flow, FLOWS)):

@@ -53,8 +53,9 @@ class OFaNet(nn.Module):
             self.refiners = nn.ModuleList()
 
     def forward(
-        self, y: torch.Tensor, masks: torch.Tensor, refine: bool = True, window: slice = slice(None), orders: int = 1
-    ) -> Estimates:
+        self, y: torch.Tensor, masks: torch.Tensor, refine: bool = True, window: slice = slice(None), orders: int = 1,
+        passes: int | None = None,
+    ) -> Estimates:  # fmt: skip
         """Decode measurements.
 
         Parameters
@@ -70,6 +71,8 @@ class OFaNet(nn.Module):
         orders : int
             The separator's video is the mean of so many: each view comes first in one of them. With as many as views,
             it does not matter which view is the first.
+        passes : int, optional
+            Instead of the configuration's, for training: gradients pass through the last only, the window is its.
         """
         height, width = y.shape[1:]
         if height % 2 or width % 2:
@@ -77,11 +80,16 @@ class OFaNet(nn.Module):
             y = functional.pad(y[:, None], padding, "replicate")[:, 0]
             masks = functional.pad(masks.flatten(1, 2), padding, "replicate").unflatten(1, masks.shape[1:3])
         first = torch.stack([self._separated(y, masks, view) for view in range(orders)]).mean(0)
-        refined = first[:, :, window]
+        refined = first
         if refine and self.refiners:
-            residual = normalised(y - (masks * first).sum((1, 2)), masks)
-            evidence = through(masks[:, :, window], residual)
-            refined = self._refined(refined, evidence, self._images(y, masks))
+            images = self._images(y, masks)
+            for left in reversed(range(passes or self.config.passes)):
+                part = slice(None) if left else window
+                residual = normalised(y - (masks * refined).sum((1, 2)), masks)
+                with torch.set_grad_enabled(torch.is_grad_enabled() and not left):
+                    refined = self._refined(refined[:, :, part], through(masks[:, :, part], residual), images)
+        else:
+            refined = refined[:, :, window]
         return Estimates(first[..., :height, :width], refined[..., :height, :width])
 
     def _images(self, y: torch.Tensor, masks: torch.Tensor) -> torch.Tensor:

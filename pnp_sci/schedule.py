@@ -10,12 +10,10 @@ from .operator import SensingOperator
 
 # Without noise; accelerated GAP with TV converges to the same limit for any, quickest around this one.
 SIGMA = 0.05
-# ... times so much, for so many frames of all views. Of few frames better priors find more detail with less; of many
-# they come sooner to what there is with more. On validation clips 0.8 gains `flow` and `video` 0.1 to 0.35 dB with one
-# view of 4 or 8 frames and two of 3, but where motion is fast, as on the benchmark's pairs with one view dark, 0.9
-# loses 0.1 to 0.5 with one of 10 (0.05 with one of 8), and 0.8 loses 0.2 with two of 6. 1.25 gains 0.1 with two of 14;
-# more than 1.15 would be noise to TV (TRUSTED). In still scenes of two frames 0.8 and 1 are as good.
-FRAMES, TIMES = (2, 4, 6, 10, 20, 28), (1, 0.8, 0.8, 1, 1, 1.15)
+# ... times so much, for so many frames of all views: of many, better priors come sooner to what there is with more. On
+# validation clips 1.25 gains 0.1 dB with two views of 14, but more than 1.15 would be noise to TV (TRUSTED). With one
+# view of 8, 0.8 is 0.1 dB better where little moves and 0.2 worse where much does.
+FRAMES, TIMES = (20, 28), (1, 1.15)
 BALANCE = 0.6  # sigma * rho per variance of the noise, where that is small
 LOUD_BALANCE = 12.6  # ... and where it is not, for fewer than 20 frames of all views: this over one more than those
 LOUD = 0.03  # noise in a pixel of x, ``noise / sqrt(gram)``, that is half way from the one to the other
@@ -81,10 +79,10 @@ def schedule_for(op: SensingOperator, noise: float | np.ndarray, sigma: float | 
     where noise is faint, as an estimate of it is mostly texture then, and with 20 frames of all views or more; with
     fewer up to 4 times (2 frames) or 6 (one), the more the louder it is. It is less again where the noise in a pixel
     of x, ``noise / sqrt(gram)``, is no longer small, since the best weight of total variation then grows like the noise
-    and not like its square. How quickly they get there depends on the two apart: without noise sigma is 0.04 to
-    0.0575, by the number of frames; with noise it begins with that, or with what it takes to have rho at 0.15 of the
-    mean gram, and falls from there within 40 iterations half way back on a scale of powers, where flow and networks can
-    see the motion and the detail that TV leaves.
+    and not like its square. How quickly they get there depends on the two apart: without noise sigma is 0.05, with more
+    than 20 frames of all views up to 0.0575; with noise it begins with that, or with what it takes to have rho at 0.15
+    of the mean gram, and falls from there within 40 iterations half way back on a scale of powers, where flow and
+    networks can see the motion and the detail that TV leaves.
     Where pixels differ in noise, each has its own rho, and the mean of the products decides on sigma.
     The constants are one choice for all scenes, from coarse grids at noise levels from 0 to 0.2 of max(y) on clips of
     the training set and of the validation and on three pairs of the benchmark. On still and moving clips of the

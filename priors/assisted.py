@@ -62,7 +62,7 @@ class Assisted:
         Sigma that the network is told, in units of the solver's, > 0.
     first : int
         Calls at the beginning of a video that are left to `without`, >= 0; another shape of x begins a new one.
-    still : Assisted, optional
+    motionless : Assisted, optional
         What serves in the place of this where frames cannot show motion: one of a view, or below 32 pixels a side.
 
     Raises
@@ -80,12 +80,12 @@ class Assisted:
     learned = True
 
     def __init__(
-        self, net: Learned, without: TV, beside: TV, stronger: float, first: int = 0, still: Assisted | None = None
+        self, net: Learned, without: TV, beside: TV, stronger: float, first: int = 0, motionless: Assisted | None = None
     ):
         if not isinstance(first, Integral) or first < 0:
             raise InputError(f"first is {first!r}: a whole number >= 0 was expected")
         self.net, self.without, self.beside = net, without, beside
-        self.stronger, self.first, self.still = stronger, int(first), still
+        self.stronger, self.first, self.motionless = stronger, int(first), motionless
         if isinstance(net, VideoDenoiser):
             self.finish = net.finish
         self.reset()
@@ -98,7 +98,7 @@ class Assisted:
         self._calls, self._before = 0, np.inf
         self._fits: tuple[tuple[int, ...], np.dtype] | None = None
         self._last: np.ndarray | None = None  # what the network's last call has returned
-        for denoiser in (self.net, self.without, self.beside, self.still):
+        for denoiser in (self.net, self.without, self.beside, self.motionless):
             reset(denoiser)
 
     def __call__(self, x: np.ndarray, sigma: float) -> np.ndarray:
@@ -108,8 +108,8 @@ class Assisted:
         if self._fits != (x.shape, x.dtype):
             self.reset()
             self._fits = x.shape, x.dtype
-        if self.still is not None and not may_show_motion(x.shape):
-            return self.still(x, sigma)
+        if self.motionless is not None and not may_show_motion(x.shape):
+            return self.motionless(x, sigma)
         falling, self._before = sigma < self._before, sigma
         self._calls += 1
         if self._calls <= self.first or (falling and sigma > NOISY):
@@ -128,7 +128,7 @@ class Assisted:
 
         Those of an image net in moving scenes do, too, but rise for longer.
         """
-        if self.still is not None and self.still.restless:
+        if self.motionless is not None and self.motionless.restless:
             return True
         return self._last is not None and (getattr(self.net, "restless", False) or self._last.shape[1] == 1)
 
@@ -181,5 +181,5 @@ def video(weights: str | Path | None = None, device: str | None = None, first: i
         Calls at the beginning that TV has for itself, >= 0.
     """
     net = VideoDenoiser(weights, device, RENEW)
-    still = Assisted(net.image, TV(), TV(BESIDE_IMAGE, still=False), IMAGE, first)
-    return Assisted(net, TV(), TV(BESIDE_VIDEO, time=0), VIDEO, first, still)
+    motionless = Assisted(net.image, TV(), TV(BESIDE_IMAGE, still=False), IMAGE, first)
+    return Assisted(net, TV(), TV(BESIDE_VIDEO, time=0), VIDEO, first, motionless)

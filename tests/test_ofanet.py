@@ -134,6 +134,25 @@ def test_a_window_refines_those_frames_only():
     assert part.first.shape == masks.shape
 
 
+def test_a_second_pass_goes_over_what_the_first_has_refined():
+    """It sees what is left of the measurement then; the window and the gradients are those of the last."""
+    model, (y, masks) = make(flow="none", passes=2), measured()
+    with torch.inference_mode():
+        images, once = model._images(y, masks), model(y, masks, passes=1)
+        residual = (y - (masks * once.refined).sum((1, 2)))[:, None] / masks.sum((1, 2)).clamp(min=0.5)[:, None]
+        again = model._refined(once.refined, network.through(masks, residual), images)
+        twice, part = model(y, masks), model(y, masks, window=slice(0, 2))
+    assert torch.equal(twice.first, once.first)
+    assert torch.allclose(twice.refined, again, atol=1e-5)
+    assert not torch.allclose(twice.refined, once.refined, atol=1e-2)
+    assert torch.allclose(part.refined, twice.refined[:, :, :2], atol=1e-5)
+    for passes, reached in ((1, True), (2, False)):
+        model.zero_grad()
+        model(y, masks, passes=passes).refined.sum().backward()
+        assert all((p.grad is not None) == reached for p in model.separator.parameters())
+        assert all(p.grad is not None for p in model.refiners.parameters())
+
+
 @pytest.mark.parametrize(("views", "dual"), [(2, True), (2, False), (3, True)])
 def test_in_all_orders_no_view_is_the_first(views, dual):
     """Then the views of the separator's video change places with their masks; in one order they become others."""
@@ -177,7 +196,9 @@ def test_refine_net_sees_what_the_separator_has_missed():
     assert torch.allclose(seen[0][:, :, :, 1], network.LOUDER * shown * missed[:, None, None], atol=1e-5)
 
 
-@pytest.mark.parametrize("fields", [{"views": 0}, {"frames": 2.5}, {"refine": "all"}, {"flow": "backward"}])
+@pytest.mark.parametrize(
+    "fields", [{"views": 0}, {"frames": 2.5}, {"refine": "all"}, {"flow": "backward"}, {"passes": 0}]
+)
 def test_configuration_names_what_is_wrong(fields):
     with pytest.raises(InputError, match=next(iter(fields))):
         config.OFaNetConfig(**fields)

@@ -283,13 +283,24 @@ def test_stages_one_after_the_other(folder, tmp_path):
     assert not dns[1]
     assert not dns[2]
     assert same(dns[0], moving[0]), "the stage flow leaves the separator alone"
-    assert same(moving[0], refined[0])
-    assert same(moving[1], refined[1]), "the stage refine leaves separator and flow net alone"
+    assert same(moving[0], refined[0]), "and so does the stage refine"
+    assert not same(moving[1], refined[1])
     assert not same(moving[2], refined[2])
     for before, after in zip(refined, joint):
         assert before.keys() == after.keys()
         assert not same(before, after)
         assert max((before[key] - after[key]).abs().max() for key in before) < 0.05, "it starts where refine ended"
+
+
+def test_frozen_the_stage_refine_leaves_the_flow_net_alone(folder, tmp_path):
+    shipped = weights.FOLDER / "v2b10.safetensors"
+    given = "--data", folder, "--start", shipped, "--frozen", "--passes", 2
+    assert run("refine", tmp_path, *given, steps=4).exit_code == 0, "of one pass and of two"
+    (_, flow, refiners), (_, flow_after, refiners_after) = parts(shipped), parts(tmp_path / "ofanet.safetensors")
+    assert same(flow, flow_after)
+    assert not same(refiners, refiners_after)
+    assert "--passes 2" in (tmp_path / "ofanet.md").read_text()
+    assert weights.load(tmp_path / "ofanet.safetensors")[0].config.passes == 2
 
 
 @pytest.mark.parametrize("stage", ["flow", "joint"])

@@ -29,7 +29,8 @@ PATH = click.Path(path_type=Path)
 @click.option("--dual/--single", default=True, help="A branch of the separator for each view, or one for all.")
 @click.option("--refine", type=click.Choice(REFINES), default="simplified", help="Which refine net.")
 @click.option("--flow", type=click.Choice(FLOWS), default="both", help="Which flows the refine net sees.")
-@click.option("--joint/--frozen", default=True, help="Whether the flow net learns in the joint stage.")
+@click.option("--joint/--frozen", default=True, help="Whether the flow net learns beside the refine net.")
+@click.option("--passes", default=1, help="How often flow and refine net go over the video.")
 @click.option("--start", type=PATH, multiple=True, help="Weights to start from, of an earlier stage; repeatable.")
 @click.option("--out", type=PATH, help="Folder for checkpoint and curves.  [default: runs/ofanet-STAGE]")
 @click.option("--weights", type=PATH, help="Weights to write, the card beside them.  [default: OUT/ofanet.safetensors]")
@@ -51,10 +52,10 @@ PATH = click.Path(path_type=Path)
 @click.option("--validations", default=20, type=click.IntRange(min=1), help="How often the files are renewed.")
 @click.option("--resume", is_flag=True, help="Continue from the checkpoint in the output folder.")
 def main(
-    stage, data, views, frames, amplifier, dual, refine, flow, joint, start, out, weights, minutes, steps, seed, rate,
-    schedule, optimizer, crop, batch, window, device, validations, resume,
+    stage, data, views, frames, amplifier, dual, refine, flow, joint, passes, start, out, weights, minutes, steps, seed,
+    rate, schedule, optimizer, crop, batch, window, device, validations, resume,
 ):  # fmt: skip
-    """Train OFaNet in stages: separator (dns), flow net (flow), the refine net behind both (refine), all of it (joint).
+    """Train OFaNet in stages: separator (dns), flow net (flow), refine and flow net behind it (refine), all (joint).
 
     The stage dns trains the model without refine net. The stage refine may be left out. Each stage writes the weights
     of the whole model; give those of the stages before with --start. Checkpoint, curves (CSV), weights and model card
@@ -68,7 +69,7 @@ def main(
         refine = "none"
     if stage == "refine" and (refine == "none" or not (start or resume)):
         raise InputError("stage is refine: a refine net, and weights to --start from, were expected")
-    model = OFaNet(OFaNetConfig(views, frames, amplifier, dual, refine, flow, joint))
+    model = OFaNet(OFaNetConfig(views, frames, amplifier, dual, refine, flow, joint, passes))
     for path in start:
         _weights.start(model, path)
     spent = f"--minutes {minutes:g}" if steps is None else f"--steps {steps}"
@@ -77,6 +78,7 @@ def main(
         f"--views {views} --frames {frames} {spent} --rate {rate:g} --schedule {schedule} --optimizer {optimizer} "
         f"--crop {crop} --batch {batch} --seed {seed}"
         + (f" --window {window}" if window else "")
+        + (f" --passes {passes}" if passes > 1 else "")
         + "".join(f" --start {path.name}" for path in start)
     )
 

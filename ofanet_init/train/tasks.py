@@ -63,7 +63,8 @@ class Stage:
 class Reconstruction(Stage):
     """Stages "dns", "refine" and "joint": the video from its measurement. Loss: ``alpha * L_DNS + L_refined``.
 
-    In the stage "refine" only the refine net learns, behind separator and flow net as they are.
+    In the stage "refine" the separator stays as it is, and the flow net too if the configuration is not `joint`. The
+    refined video is that of any pass, as many of the one as of the other.
     """
 
     scores = ("psnr_first", "psnr_refined")
@@ -74,6 +75,8 @@ class Reconstruction(Stage):
         if name == "refine":
             self.model.requires_grad_(False)
             self.model.refiners.requires_grad_(True)
+            if self.model.flow:
+                self.model.flow.requires_grad_(self.model.config.joint)
         cells = [module for module in self.model.modules() if isinstance(module, Cell)]
         self.compiled = [self.model.separator, *cells] + ([self.model.flow] if self.model.flow else [])
 
@@ -83,10 +86,11 @@ class Reconstruction(Stage):
         shape = (self.sample.batch, config.views, config.frames, size, size)
         made = batch(self.scenes, self.seed, place.rank, step, shape)
         count = min(self.sample.window, config.frames)
-        start = int(np.random.default_rng([self.seed, place.rank, step]).integers(config.frames - count + 1))
+        random = np.random.default_rng([self.seed, place.rank, step])
+        start, passes = int(random.integers(config.frames - count + 1)), int(random.integers(1, config.passes + 1))
         window = slice(start, start + count)
         with torch.autocast(place.device.type, torch.bfloat16):
-            first, refined = model(made.y, made.masks, window=window)
+            first, refined = model(made.y, made.masks, window=window, passes=passes)
         coarse = (first.float() - made.truth).square().mean()
         if config.refine == "none":
             return coarse
