@@ -41,7 +41,7 @@ class OFaNetConfig:
     flow : "none", "forward" or "both"
         Which optical flows the simplified refine net sees.
     joint : bool
-        Whether the flow net learns together with the others.
+        Whether the flow net learns in the stages of training in which the refine net does.
     passes : int
         How often flow and refine net go over the video, each time with what is left of the measurement then; the
         paper's once.

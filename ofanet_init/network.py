@@ -67,12 +67,12 @@ class OFaNet(nn.Module):
         refine : bool
             False stops behind the separator.
         window : slice
-            The frames that are refined, for training on a part of them: those are the refined video.
+            The frames that the last pass refines, for training on a part of them: those are the refined video.
         orders : int
             The separator's video is the mean of so many: each view comes first in one of them. With as many as views,
             it does not matter which view is the first.
         passes : int, optional
-            Instead of the configuration's, for training: gradients pass through the last only, the window is its.
+            Instead of the configuration's, >= 1. Gradients come from the last only.
         """
         height, width = y.shape[1:]
         if height % 2 or width % 2:
@@ -83,11 +83,13 @@ class OFaNet(nn.Module):
         refined = first
         if refine and self.refiners:
             images = self._images(y, masks)
-            for left in reversed(range(passes or self.config.passes)):
+            for left in reversed(range(self.config.passes if passes is None else passes)):
                 part = slice(None) if left else window
                 residual = normalised(y - (masks * refined).sum((1, 2)), masks)
                 with torch.set_grad_enabled(torch.is_grad_enabled() and not left):
                     refined = self._refined(refined[:, :, part], through(masks[:, :, part], residual), images)
+                if left:  # else some versions of torch use weights again that were made without gradients
+                    torch.clear_autocast_cache()
         else:
             refined = refined[:, :, window]
         return Estimates(first[..., :height, :width], refined[..., :height, :width])

@@ -60,12 +60,11 @@ class Refiner(nn.Module):
     """A recurrent pass over the frames of a video, the same for every view.
 
     The paper's text takes x[t] "as a good initialization" where its equation has x[t - 1]; here it is x[t], and R gives
-    what is to be added, so that a net that has learned nothing returns the separator's frame. Beyond the paper, F_X
-    also sees the frame's mask and the normalised residual r of the separator's video through it: what a first estimate
-    has missed is in the measurement more than in the frame. Without them the net had gained nothing after 900 steps,
-    with them 0.36 dB on training samples after 300. Where the flow from t
-    back to t - 1 is at hand, the memory is fetched along it, which the paper leaves to the net. The first frame has no
-    predecessor: its memory and its flows are zero.
+    what is to be added, so that a net that has learned nothing returns the frame as it came. Beyond the paper, F_X also
+    sees the frame's mask and, through it, the normalised residual r of the whole video: what an estimate has missed is
+    in the measurement more than in the frame. Without them the net had gained nothing after 900 steps, with them
+    0.36 dB on training samples after 300. Where the flow from t back to t - 1 is at hand, the memory is fetched along
+    it, which the paper leaves to the net. The first frame has no predecessor: its memory and its flows are zero.
 
     Parameters
     ----------

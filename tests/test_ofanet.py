@@ -30,6 +30,8 @@ VARIANTS = {
     "W/o JT": {"joint": False},
     "DA&DNS&BRRN": {"refine": "birecurrent"},
     "single view": {"views": 1},
+    "two passes": {"passes": 2},
+    "BRRN, two passes": {"refine": "birecurrent", "passes": 2},
 }
 
 

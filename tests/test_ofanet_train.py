@@ -294,13 +294,20 @@ def test_stages_one_after_the_other(folder, tmp_path):
 
 def test_frozen_the_stage_refine_leaves_the_flow_net_alone(folder, tmp_path):
     shipped = weights.FOLDER / "v2b10.safetensors"
-    given = "--data", folder, "--start", shipped, "--frozen", "--passes", 2
-    assert run("refine", tmp_path, *given, steps=4).exit_code == 0, "of one pass and of two"
+    assert run("refine", tmp_path, "--data", folder, "--start", shipped, "--frozen").exit_code == 0
     (_, flow, refiners), (_, flow_after, refiners_after) = parts(shipped), parts(tmp_path / "ofanet.safetensors")
     assert same(flow, flow_after)
     assert not same(refiners, refiners_after)
+
+
+def test_passes_are_kept_with_the_weights(folder, tmp_path):
+    given = "--data", folder, "--start", weights.FOLDER / "v2b10.safetensors"
+    assert run("refine", tmp_path, *given, "--passes", 2).exit_code == 0
     assert "--passes 2" in (tmp_path / "ofanet.md").read_text()
     assert weights.load(tmp_path / "ofanet.safetensors")[0].config.passes == 2
+    forgotten = run("refine", tmp_path, *given, "--resume")
+    assert isinstance(forgotten.exception, FormatError)
+    assert "passes=2" in str(forgotten.exception)
 
 
 @pytest.mark.parametrize("stage", ["flow", "joint"])
@@ -344,6 +351,7 @@ def test_start_takes_over_what_fits(folder, tmp_path):
         ("flow", "--start {out}/nothing.safetensors", DataUnavailableError, "nothing.safetensors does not exist"),
         ("flow", "--start {folder}/car.mp4", FormatError, "car.mp4 is not a safetensors file"),
         ("dns", "--views 0", InputError, "views is 0"),
+        ("joint", "--passes 0", InputError, "passes is 0"),
         ("dns", "--steps 0", SystemExit, "--steps"),
         ("dns", "--batch 0", SystemExit, "--batch"),
         ("flow", "--flow none", InputError, "stage is flow"),
@@ -382,6 +390,27 @@ def test_joint_stage_trains_the_flow_net_unless_it_is_frozen(tmp_path, joint):
     task.loss(model, place, 0).backward()
     reached = [p.grad is not None and bool(p.grad.abs().max() > 0) for p in model.flow.parameters()]
     assert all(reached) if joint else not any(reached)
+
+
+def test_each_number_of_passes_is_drawn_and_all_learns(tmp_path):
+    torch.manual_seed(0)
+    model = network.OFaNet(config.OFaNetConfig(frames=3, passes=2))
+    for layer in (*model.flow.predict, model.refiners[0].cell.r[-1]):
+        torch.nn.init.normal_(layer.weight, std=0.1)
+    place, clip = loop.Place.here("cpu"), random_clip(6, 40, 40)
+    task = tasks.Reconstruction("refine", model, [clip], [], tasks.Sample(1, 32, 2), 0, place, tmp_path / "w", "")
+    seen = []
+
+    def watched(*given, passes, **more):
+        seen.append(passes)
+        return model(*given, passes=passes, **more)
+
+    for step in range(8):
+        model.zero_grad()
+        task.loss(watched, place, step).backward()
+        assert all(p.grad is not None for part in (model.flow, model.refiners) for p in part.parameters())
+        assert all(p.grad is None for p in model.separator.parameters())
+    assert set(seen) == {1, 2}
 
 
 # the shipped weights
@@ -436,6 +465,17 @@ def test_refine_net_gains(held_out):
     """In every other pair: it takes seconds for each."""
     separated, refined = (
         quality(held_out[::2], lambda shape: moving_masks(shape, seed=11), model) for model in ("ofanet-fast", "ofanet")
+    )
+    print(f"ofanet {refined:.2f} dB, ofanet-fast {separated:.2f}")
+    assert refined > separated + 0.3
+
+
+@pytest.mark.parametrize(("views", "frames"), [(1, 8), (2, 6), (2, 14)])
+def test_refine_nets_for_other_numbers_of_frames_gain(held_out, views, frames):
+    """Beyond ten frames the clip runs back."""
+    clip = np.concatenate([held_out, held_out[:, :, ::-1]], 2)[:3, :views, :frames, 48:208, 48:208]
+    separated, refined = (
+        quality(clip, lambda shape: moving_masks(shape, seed=11), model) for model in ("ofanet-fast", "ofanet")
     )
     print(f"ofanet {refined:.2f} dB, ofanet-fast {separated:.2f}")
     assert refined > separated + 0.3

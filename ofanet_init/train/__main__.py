@@ -29,7 +29,7 @@ PATH = click.Path(path_type=Path)
 @click.option("--dual/--single", default=True, help="A branch of the separator for each view, or one for all.")
 @click.option("--refine", type=click.Choice(REFINES), default="simplified", help="Which refine net.")
 @click.option("--flow", type=click.Choice(FLOWS), default="both", help="Which flows the refine net sees.")
-@click.option("--joint/--frozen", default=True, help="Whether the flow net learns beside the refine net.")
+@click.option("--joint/--frozen", default=True, help="Whether the flow net learns where the refine net does.")
 @click.option("--passes", default=1, help="How often flow and refine net go over the video.")
 @click.option("--start", type=PATH, multiple=True, help="Weights to start from, of an earlier stage; repeatable.")
 @click.option("--out", type=PATH, help="Folder for checkpoint and curves.  [default: runs/ofanet-STAGE]")
@@ -55,7 +55,7 @@ def main(
     stage, data, views, frames, amplifier, dual, refine, flow, joint, passes, start, out, weights, minutes, steps, seed,
     rate, schedule, optimizer, crop, batch, window, device, validations, resume,
 ):  # fmt: skip
-    """Train OFaNet in stages: separator (dns), flow net (flow), refine and flow net behind it (refine), all (joint).
+    """Train OFaNet in stages: its separator (dns), flow net (flow), flow and refine net (refine), all together (joint).
 
     The stage dns trains the model without refine net. The stage refine may be left out. Each stage writes the weights
     of the whole model; give those of the stages before with --start. Checkpoint, curves (CSV), weights and model card
@@ -79,6 +79,7 @@ def main(
         f"--crop {crop} --batch {batch} --seed {seed}"
         + (f" --window {window}" if window else "")
         + (f" --passes {passes}" if passes > 1 else "")
+        + ("" if joint else " --frozen")
         + "".join(f" --start {path.name}" for path in start)
     )
 

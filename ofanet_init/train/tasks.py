@@ -46,7 +46,7 @@ class Stage:
     ):  # fmt: skip
         self.model, self.sample, self.seed = model, sample, seed
         self.training, self.validation = training, validation
-        self.weights, self.command = weights, command
+        self.weights, self.command, self.settings = weights, command, str(model.config)
         self.scenes = Scenes(training, place.device)
 
     def publish(self, network: torch.nn.Module, progress: Progress, place: Place) -> None:
@@ -63,8 +63,8 @@ class Stage:
 class Reconstruction(Stage):
     """Stages "dns", "refine" and "joint": the video from its measurement. Loss: ``alpha * L_DNS + L_refined``.
 
-    In the stage "refine" the separator stays as it is, and the flow net too if the configuration is not `joint`. The
-    refined video is that of any pass, as many of the one as of the other.
+    In the stage "refine" the separator stays as it is. Each step draws how many passes there are, from one to those of
+    the configuration.
     """
 
     scores = ("psnr_first", "psnr_refined")
@@ -73,10 +73,7 @@ class Reconstruction(Stage):
         super().__init__(*rest, **more)
         self.name, self.network = name, self.model
         if name == "refine":
-            self.model.requires_grad_(False)
-            self.model.refiners.requires_grad_(True)
-            if self.model.flow:
-                self.model.flow.requires_grad_(self.model.config.joint)
+            self.model.separator.requires_grad_(False)
         cells = [module for module in self.model.modules() if isinstance(module, Cell)]
         self.compiled = [self.model.separator, *cells] + ([self.model.flow] if self.model.flow else [])
 
@@ -86,8 +83,8 @@ class Reconstruction(Stage):
         shape = (self.sample.batch, config.views, config.frames, size, size)
         made = batch(self.scenes, self.seed, place.rank, step, shape)
         count = min(self.sample.window, config.frames)
-        random = np.random.default_rng([self.seed, place.rank, step])
-        start, passes = int(random.integers(config.frames - count + 1)), int(random.integers(1, config.passes + 1))
+        start = int(np.random.default_rng([self.seed, place.rank, step]).integers(config.frames - count + 1))
+        passes = int(np.random.default_rng([self.seed, step]).integers(1, config.passes + 1))  # in all processes
         window = slice(start, start + count)
         with torch.autocast(place.device.type, torch.bfloat16):
             first, refined = model(made.y, made.masks, window=window, passes=passes)

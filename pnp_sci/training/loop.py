@@ -92,6 +92,11 @@ class Task(Protocol):
         ...
 
     @property
+    def settings(self) -> str:
+        """What else a run that is resumed must have been begun with, in words."""
+        ...
+
+    @property
     def network(self) -> torch.nn.Module:
         """What learns."""
         ...
@@ -215,6 +220,7 @@ class Trainer:
         out.mkdir(parents=True, exist_ok=True)
         state = {
             "name": self.task.name,
+            "settings": self.task.settings,
             "seed": self.budget.seed,
             "by": self.budget.optimizer,
             "network": self.network.state_dict(),
@@ -236,10 +242,11 @@ class Trainer:
         if not checkpoint.is_file():
             raise FormatError(f"resume: {checkpoint} was expected, but there is none")
         state = torch.load(checkpoint, map_location=self.place.device, weights_only=True)
-        held = state["name"], state["seed"], state.get("by", "an earlier version")
-        asked = self.task.name, self.budget.seed, self.budget.optimizer
+        earlier = "an earlier version"
+        held = state["name"], state.get("settings", earlier), state["seed"], state.get("by", earlier)
+        asked = self.task.name, self.task.settings, self.budget.seed, self.budget.optimizer
         if held != asked:
-            runs = ("{} with seed {} by {}".format(*run) for run in (held, asked))
+            runs = ("{} ({}) with seed {} by {}".format(*run) for run in (held, asked))
             raise FormatError("resume: the checkpoint is of {}, but {} was asked for".format(*runs))
         self.network.load_state_dict(state["network"])
         self.average.load_state_dict(state["average"])

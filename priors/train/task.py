@@ -84,6 +84,7 @@ class Denoising:
         self.training, self.validation, self.watch = training, validation, watch
         self.prepare = SEEN[name]()
         self.network = _weights.load(start, name)[0].train() if start else self.prepare.start()
+        self.settings = str(self.network.architecture)
         self.origin = "earlier weights" if start else self.prepare.origin
         self.collections: list[States] = []
         self.learned = 0  # frames of them that the network has been trained on
