@@ -125,9 +125,9 @@ def test_resuming_a_finished_run_writes_its_files_anew(folder, tmp_path):
 
 def test_resume_refuses_another_run(folder, tmp_path):
     train(folder, tmp_path, steps=2)
-    with pytest.raises(FormatError, match="video .* with seed 0 by adam, but video .* with seed 1 by adam"):
+    with pytest.raises(FormatError, match=r"video .* with seed 0 by adam, but video .* with seed 1 by adam"):
         train(folder, tmp_path, steps=2, seed=1, resume=True)
-    with pytest.raises(FormatError, match="video .* with seed 0 by adam, but video .* with seed 0 by muon"):
+    with pytest.raises(FormatError, match=r"video .* with seed 0 by adam, but video .* with seed 0 by muon"):
         train(folder, tmp_path, steps=2, optimizer="muon", resume=True)
 
 
