@@ -44,7 +44,7 @@ class OFaNetConfig:
         Whether the flow net learns in the stages of training in which the refine net does.
     passes : int
         How often flow and refine net go over the video, each time with what is left of the measurement then; the
-        paper's once.
+        paper's go over it once.
 
     Raises
     ------

@@ -35,7 +35,7 @@ def ofanet(op: SensingOperator, y: np.ndarray, *, device: str | None = None) -> 
     can only bring it closer to the scene.
 
     Where nothing moves in the scene, as :mod:`pnp_sci.judge` finds, the separator's frames are averaged instead.
-    Where the weights hold no refine net yet, the separator decodes alone, and a warning is logged.
+    Where the weights hold no refine net, the separator decodes alone, and a warning is logged.
 
     Parameters
     ----------
@@ -87,7 +87,7 @@ def _decoded(op: SensingOperator, y: np.ndarray, device: str | None, refine: boo
     place = usable(device)
     network = _network(views, frames, place)
     if refine and not network.refiners:
-        _log.warning("OFaNet has no refine net for %d x %d frames yet: its separator decodes alone", views, frames)
+        _log.warning("OFaNet has no refine net for %d x %d frames: its separator decodes alone", views, frames)
 
     def estimate(rows: slice) -> np.ndarray:
         masks = torch.from_numpy(op.masks[:, :, rows].astype(np.float32) / np.float32(largest))[None].to(place)

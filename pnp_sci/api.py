@@ -269,7 +269,7 @@ def solve(
 
 
 def decode(y: Any, masks: Any, model: str = "ofanet", **options: Any) -> Result:
-    """Recover the video of every view with a network alone, in one pass.
+    """Recover the video of every view with a network alone, without iterations.
 
     Parameters
     ----------

@@ -26,7 +26,7 @@ class Status(Enum):
     """Why a solver stopped, as a sentence; from the best to the worst."""
 
     CONVERGED = "the iterates stopped changing"
-    DECODED = "a network decoded the measurement in one pass"
+    DECODED = "a network decoded the measurement, without iterations"
     ITERATIONS = "the number of iterations was reached"
     TIME_BUDGET = "the time budget was spent"
     STOPPED = "the callback asked to stop"

@@ -124,6 +124,7 @@ class Flow(Stage):
         super().__init__(*rest, **more)
         if self.model.flow is None:
             raise InputError("stage is flow, but without a refine net that sees flows there is no flow net to train")
+        self.model.flow.requires_grad_(True)  # frozen it is in the stages after this one
         if self.sample.crop % COARSEST:
             raise InputError(f"crop is {self.sample.crop}: a multiple of {COARSEST} was expected for the flow net")
         self.network, self.compiled = self.model.flow, [*self.model.flow.encoder, *self.model.flow.decoder]
