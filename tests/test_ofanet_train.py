@@ -300,6 +300,12 @@ def test_frozen_the_stage_refine_leaves_the_flow_net_alone(folder, tmp_path):
     assert not same(refiners, refiners_after)
 
 
+def test_frozen_the_flow_net_still_learns_in_its_own_stage(folder, tmp_path):
+    shipped = weights.FOLDER / "v2b10.safetensors"
+    assert run("flow", tmp_path, "--data", folder, "--start", shipped, "--frozen").exit_code == 0
+    assert not same(parts(shipped)[1], parts(tmp_path / "ofanet.safetensors")[1])
+
+
 def test_passes_are_kept_with_the_weights(folder, tmp_path):
     given = "--data", folder, "--start", weights.FOLDER / "v2b10.safetensors"
     assert run("refine", tmp_path, *given, "--passes", 2).exit_code == 0
