@@ -66,8 +66,8 @@ def differ(v, flow, pairs, distance):
 
 
 @kernel
-def choose(v, candidate, pairs, flow, distance):
-    """flow[p], distance[p] <- the candidate's, in each pixel where frames match better along that."""
+def choose(v, candidate, favour, pairs, flow, distance):
+    """flow[p], distance[p] <- the candidate's, in each pixel where that distance is below `favour` times this."""
     frames, rows, columns = v.shape
     extended = np.empty((frames, rows + 3, columns + 3), v.dtype)
     for b in numba.prange(frames):
@@ -78,7 +78,7 @@ def choose(v, candidate, pairs, flow, distance):
         _differ(here, there, candidate[p], other, np.empty_like(here))
         for i in range(rows):
             for j in range(columns):
-                if other[i, j] < distance[p, i, j]:
+                if other[i, j] < favour * distance[p, i, j]:
                     distance[p, i, j] = other[i, j]
                     flow[p, i, j, 0], flow[p, i, j, 1] = candidate[p, i, j, 0], candidate[p, i, j, 1]
 
