@@ -208,13 +208,20 @@ def test_flow_is_chosen_where_frames_match_better_by_it():
     flow, distance, least = none.copy(), *np.empty((2, 1, 32, 44), np.float32)
     differ(v, flow, pairs, distance)
     differ(v, right, pairs, least)
-    choose(v, right, pairs, flow, distance)
+    choose(v, right, np.float32(1), pairs, flow, distance)
     inner = np.s_[0, 6:-6, 6:-6]
     np.testing.assert_array_equal(flow[inner], right[inner])
     np.testing.assert_array_equal(distance[inner], least[inner])
     np.testing.assert_allclose(least[inner], 0, atol=1e-8)
-    choose(v, none, pairs, flow, distance)
+    choose(v, none, np.float32(1), pairs, flow, distance)
     np.testing.assert_array_equal(flow[inner], right[inner])
+    differ(v, none, pairs, least)
+    distance[:] = least / np.float32(1.2)
+    choose(v, none, np.float32(1.1), pairs, flow, distance)
+    np.testing.assert_array_equal(flow[inner], right[inner])
+    choose(v, none, np.float32(1.3), pairs, flow, distance)
+    np.testing.assert_array_equal(flow, none)
+    np.testing.assert_array_equal(distance, least)
 
 
 def test_steady_motion_is_taken_from_other_pairs():
@@ -233,6 +240,20 @@ def test_steady_motion_is_taken_from_other_pairs():
     flow[:, 18:21, 24:27] = 0
     _chosen(small, near, 2, np.float32(0.1), flow)
     assert np.abs(flow - right)[:, 19, 25].max() < FRACTION
+
+
+def test_noise_is_not_followed(moving, monkeypatch):
+    """The flow of noisy frames is more precise where it may match a little worse than what matches best."""
+    noisy = moving[0] + 0.05 * np.random.default_rng(0).standard_normal(moving[0].shape).astype(np.float32)
+
+    def error():
+        seen = measure(noisy, neighbours=2, tolerance=0.2, drift=1.5, rest=0.0)
+        right = np.stack([[2 * (n - b), n - b] for b, n in seen.pairs])[:, None, None]
+        return np.mean(np.minimum(np.abs(seen.flow / FRACTION - right), 1))
+
+    precise = error()
+    monkeypatch.setattr(motion, "SMOOTH", np.float32(1))
+    assert precise < 0.95 * error()
 
 
 @pytest.mark.parametrize("shape", [(96, 96), (97, 99)])
