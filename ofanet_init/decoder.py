@@ -23,9 +23,6 @@ MARGIN = 64  # rows more on either side: none further away has a part in a pixel
 # Part of a video's brightest value that counts as 1 here (0.71 to 0.90 on validation clips): the network has learned in
 # units of the true one. There it is worth 0.1 dB for the refined video, 0.01 to 0.02 for the separator's.
 BRIGHTNESS = 0.8
-# Noise, in parts of max(y), above which flow and refine net go over the video once: with noise the second pass gains
-# nothing on validation clips (0.05) or loses 0.1 dB (0.2, two views; 0.1, one).
-LOUD = 0.03
 ERROR = 0.1  # standard deviation of the network's errors, where the video spans [0, 1]
 
 _log = logging.getLogger("pnp_sci")
@@ -89,7 +86,8 @@ def _decoded(op: SensingOperator, y: np.ndarray, device: str | None, refine: boo
         raise InputError("masks has negative values: OFaNet needs masks >= 0")
     largest = float(op.masks.max()) or 1.0
     noise = estimate_noise(op, y)
-    passes = 1 if noise > LOUD * y.max() else None
+    # where a pixel's noise exceeds the errors a second pass over the video gains nothing, or loses 0.1 dB
+    passes = 1 if noise > ERROR * np.sqrt(op.gram.mean()) else None
     place = usable(device)
     network = _network(views, frames, place)
     if refine and not network.refiners:

@@ -67,7 +67,7 @@ def differ(v, flow, pairs, distance):
 
 @kernel
 def choose(v, candidate, favour, pairs, flow, distance):
-    """flow[p], distance[p] <- the candidate's, in each pixel where that distance is below `favour` times this."""
+    """flow[p], distance[p] <- the candidate's, where its distance is below `favour` times distance[p]."""
     frames, rows, columns = v.shape
     extended = np.empty((frames, rows + 3, columns + 3), v.dtype)
     for b in numba.prange(frames):

@@ -42,12 +42,12 @@ class Flow:
     The first 60 calls are those of :class:`priors.tv.TV`, and so are all with a sigma above 0.35. Then every fourth
     call estimates the optical flow from each frame straight to each of its neighbours (never chained: chains drift) and
     how far to trust it: where the flow there and the flow back do not cancel, or where the warped neighbour differs
-    from the frame, it counts little. Where frames match better by them, a steady motion and that of the surroundings
-    take the place of what was found. Pixels that stand still, where neither the frames change nor a flow explains what
-    little they do, share all frames. Every call denoises the frames on their own, by TV, and averages each with its
-    neighbours, warped onto it, by these weights; :class:`priors.bm3d.BM3D`, told 1.6 times the noise that this leaves
-    in each pixel, filters what comes of it, and has clips of one frame for itself. Clips below 32 pixels a side show no
-    motion and are left to TV.
+    from the frame, it counts little. A steady motion takes the place of what was found where frames match better by it,
+    that of the surroundings where they match hardly worse. Pixels that stand still, where neither the frames change nor
+    a flow explains what little they do, share all frames. Every call denoises the frames on their own, by TV, and
+    averages each with its neighbours, warped onto it, by these weights; :class:`priors.bm3d.BM3D`, told 1.6 times the
+    noise that this leaves in each pixel, filters what comes of it, and has clips of one frame for itself. Clips below
+    32 pixels a side show no motion and are left to TV.
 
     Parameters
     ----------

@@ -21,11 +21,11 @@ STEPS, SMOOTHINGS = 8, 1
 # Part of a difference that is left when frames are halved. Of 0.6 to 1 best for `flow` on validation clips; `video` is
 # as good with 0.8 to 0.9 of 0.75, the TOLERANCE it had, as with 0.7 of 0.85.
 HALVED = 0.7
-# What the flow of a pixel's surroundings may have of the squared difference along its own, and still take its place: of
-# noisy frames the flow that matches best has followed the noise. On validation clips `video` gains 0.1 dB (two views of
-# 10 frames) and 0.25 (one of 8) by it, most where scenes are simple, and nothing with noise; 1.2 and 1.5 gain less. For
-# a steady motion 1.3 loses as much.
-SMOOTH = np.float32(1.3)
+# Squared difference along the flow of a pixel's surroundings, in units of that along its own, up to which that replaces
+# it: what matches best in a solver's estimate has followed the estimate's errors. On validation clips `video` gains 0.1
+# dB (two views of 10 frames) and 0.25 (one of 8) over 1, most where scenes are simple, and with noise of 0.05 of max(y)
+# nothing; 1.2 and 1.5 gain less. For a steady motion 1.3 in the place of 1 loses 0.1 dB.
+SMOOTH = 1.3
 # Difference, in units of the solver's sigma, at which neighbours count 1/e for a frame of a last estimate, which shows
 # finer ones than what comes from a measurement. Six cases of validation clips gain with `video` 0.08 dB (two views of
 # 10 frames), 0.15 (one of 8), 0.04 (noise of 0.03 of max(y)); with half of it less; with 0.75 cases lose up to 0.16.
@@ -152,7 +152,7 @@ def _searched(view: np.ndarray, pairs: np.ndarray, half: tuple[int, ...], before
 def _chosen(
     small: np.ndarray, near: list[tuple[int, int]], neighbours: int, close: np.floating, flow: np.ndarray
 ) -> np.ndarray:
-    """How frames of `small` differ along the flow of each pair in `near`, which gives way to what matches better.
+    """How frames of `small` differ along the flow of each pair in `near`, which gives way to others.
 
     In each pixel that is the flow of a motion as steady as between other frames, one as far on the other side or the
     farthest on the same; or the flow of its surroundings, where frames differ by less than `close` above all, even if
@@ -167,9 +167,9 @@ def _chosen(
     steps = pairs[:, 1] - pairs[:, 0]
     for source in (opposite, farthest):
         matches.steady(flow, np.array(source), (steps / steps[source]).astype(np.float32), candidate)
-        matches.choose(small, candidate, np.float32(1), pairs, flow, distance)
+        matches.choose(small, candidate, small.dtype.type(1), pairs, flow, distance)
     matches.smooth(flow, distance, close, candidate)
-    matches.choose(small, candidate, SMOOTH, pairs, flow, distance)
+    matches.choose(small, candidate, small.dtype.type(SMOOTH), pairs, flow, distance)
     return distance
 
 

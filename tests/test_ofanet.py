@@ -283,15 +283,11 @@ def test_decode_scales_with_the_measurement(trained, case, model, factor):
 
 
 @pytest.mark.parametrize(("noise", "passes"), [(0, 2), (0.1, 1)])
-def test_a_noisy_measurement_is_refined_once(tmp_path, monkeypatch, small, noise, passes):
-    weights.save(tmp_path / "v2b10.safetensors", make(frames=10, passes=2))
-    monkeypatch.setattr(weights, "FOLDER", tmp_path)
-    decoder._network.cache_clear()
-    network = decoder._network(2, 10, torch.device("cpu"))
-    seen, refined = [], network._refined
-    monkeypatch.setattr(network, "_refined", lambda *given: seen.append(1) or refined(*given))
+def test_a_noisy_measurement_is_refined_once(trained, monkeypatch, small, noise, passes):
+    weights.save(trained / "v2b10.safetensors", make(frames=10, passes=2))
+    seen, refined = [], network.OFaNet._refined
+    monkeypatch.setattr(network.OFaNet, "_refined", lambda *given: seen.append(1) or refined(*given))
     pnp_sci.decode(pnp_sci.simulate(small.truth, small.masks, noise), small.masks, model="ofanet")
-    decoder._network.cache_clear()
     assert len(seen) == passes
 
 
