@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
-import torch
 from torch import nn
+
+from pnp_sci.fusion import Residual
 
 SLOPE = 0.1  # of the leaky rectifier between layers; the paper names none
 
@@ -30,17 +31,12 @@ def chain(inputs: int, *layers: tuple[int | tuple[int, int], int], last: bool = 
     return nn.Sequential(*(modules if last else modules[:-1]))
 
 
-class ResidualUnit(nn.Module):
+class ResidualUnit(Residual):
     """``x + conv3x3(conv1x1(conv3x3(x)))``, the bracket in the paper's table."""
 
     def __init__(self, channels: int):
-        super().__init__()
-        self.body = chain(channels, (3, channels), (1, channels), (3, channels), last=False)
+        super().__init__(chain(channels, (3, channels), (1, channels), (3, channels), last=False))
         nn.init.zeros_(self.body[-1].weight)  # type: ignore[arg-type]  # it starts as the identity
-
-    def forward(self, x: torch.Tensor) -> torch.Tensor:
-        """(N, C, H, W) -> the same shape."""
-        return self.body(x).add_(x)
 
 
 def residual_block(channels: int) -> nn.Sequential:

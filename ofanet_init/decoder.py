@@ -10,7 +10,7 @@ import torch
 
 from pnp_sci.defaults import choose_scene
 from pnp_sci.errors import InputError
-from pnp_sci.inference import as_many_threads, half_precision, usable
+from pnp_sci.inference import ready, running, usable
 from pnp_sci.noise import estimate_noise
 from pnp_sci.operator import SensingOperator
 from pnp_sci.problem import Problem
@@ -96,8 +96,7 @@ def _decoded(op: SensingOperator, y: np.ndarray, device: str | None, refine: boo
     def estimate(rows: slice) -> np.ndarray:
         masks = torch.from_numpy(op.masks[:, :, rows].astype(np.float32) / np.float32(largest))[None].to(place)
         measurement = torch.from_numpy((y[rows] * (BRIGHTNESS / largest)).astype(np.float32))[None].to(place)
-        half = torch.autocast(place.type, torch.bfloat16, enabled=half_precision(place))
-        with as_many_threads(), torch.inference_mode(), half:
+        with running(place):
             estimates = network(measurement, masks, refine, orders=views, passes=passes)
             return estimates.refined[0].float().cpu().numpy() / np.float32(BRIGHTNESS)
 
@@ -122,4 +121,4 @@ def _network(views: int, frames: int, device: torch.device) -> OFaNet:
             "others can be trained with 'python -m ofanet_init.train'"
         )
     network, _ = _weights.load(path)
-    return network.to(device, memory_format=torch.channels_last)  # type: ignore[call-overload]
+    return ready(network, device)  # type: ignore[return-value]

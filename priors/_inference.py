@@ -2,12 +2,13 @@
 
 from __future__ import annotations
 
+from copy import deepcopy
 from pathlib import Path
 
 import numpy as np
 import torch
 
-from pnp_sci.inference import as_many_threads, half_precision, usable
+from pnp_sci.inference import ready, running, usable
 
 from . import _weights
 
@@ -22,15 +23,17 @@ class Runner:
     def __init__(self, path: Path, name: str, device: str | None):
         self.device = usable(device)
         network, self.sha256 = _weights.load(path, name)
-        self.network = network.to(self.device)
-        self.half = half_precision(self.device)
+        self.use(network)
+
+    def use(self, network: torch.nn.Module) -> None:
+        """Let a copy of this network be the one, whose weights then are not those of the file."""
+        self.network = ready(deepcopy(network), self.device)
 
     def noise(self, frames: np.ndarray, level: np.ndarray, turn: int = 0) -> np.ndarray:
         """Estimate the noise in frames (N, H, W) of this `level` (N, H, W), all float32; `turn` as for `turned`."""
         out = np.empty_like(frames)
         step = max(1, (CACHED if self.device.type == "cpu" else PIXELS) // frames[0].size)
-        half = torch.autocast(self.device.type, torch.bfloat16, enabled=self.half)
-        with as_many_threads(), torch.inference_mode(), half:
+        with running(self.device):
             for start in range(0, len(frames), step):
                 part = slice(start, start + step)
                 x, sigma = (torch.from_numpy(a[part]).to(self.device) for a in (frames, level))

@@ -12,6 +12,8 @@ import torch
 import torch.nn.functional as F
 from torch import nn
 
+from pnp_sci.fusion import Residual
+
 from ._learned import LIMIT
 
 
@@ -53,20 +55,10 @@ def conv(inputs: int, outputs: int, size: int = 3, stride: int = 1) -> nn.Conv2d
     return nn.Conv2d(inputs, outputs, size, stride, padding=(size - 1) // 2, bias=False)
 
 
-class Block(nn.Module):
-    """Residual block of two convolutions."""
-
-    def __init__(self, width: int):
-        super().__init__()
-        self.first, self.second = conv(width, width), conv(width, width)
-
-    def forward(self, x: torch.Tensor) -> torch.Tensor:
-        return x + self.second(F.relu(self.first(x), inplace=True))
-
-
 def stage(count: int, width: int) -> nn.Sequential:
-    """Residual blocks of one scale."""
-    return nn.Sequential(*(Block(width) for _ in range(count)))
+    """Residual blocks of two convolutions, at one scale."""
+    bodies = (nn.Sequential(conv(width, width), nn.ReLU(inplace=True), conv(width, width)) for _ in range(count))
+    return nn.Sequential(*map(Residual, bodies))
 
 
 class Network(nn.Module):
@@ -84,7 +76,9 @@ class Network(nn.Module):
         self.down = nn.ModuleList(stage(*scale) for scale in zip(blocks, widths))
         self.up = nn.ModuleList(stage(*scale) for scale in zip(blocks[:-1], widths))
         self.shrink = nn.ModuleList(conv(fine, coarse, 2, 2) for fine, coarse in pairwise(widths))
-        self.grow = nn.ModuleList(conv(coarse, 4 * fine, 1) for fine, coarse in pairwise(widths))
+        self.grow = nn.ModuleList(
+            nn.ConvTranspose2d(coarse, fine, 2, 2, bias=False) for fine, coarse in pairwise(widths)
+        )
         self.tail = conv(widths[0], 4)
         nn.init.zeros_(self.tail.weight)
 
@@ -97,7 +91,7 @@ class Network(nn.Module):
             h = shrink(skips[-1])
         h = self.down[-1](h)
         for blocks, grow in zip(reversed(self.up), reversed(self.grow)):
-            h = blocks(skips.pop() + F.pixel_shuffle(grow(h), 2))
+            h = blocks(skips.pop() + grow(h))
         noise = F.pixel_shuffle(self.tail(h).float(), 2)[:, 0, :height, :width]
         return torch.minimum(torch.maximum(noise, -LIMIT * level), LIMIT * level)
 

@@ -16,6 +16,8 @@ from priors.video import VideoDenoiser
 torch = pytest.importorskip("torch")
 save_file = pytest.importorskip("safetensors.torch").save_file
 _inference = pytest.importorskip("priors._inference")
+inference = pytest.importorskip("pnp_sci.inference")
+fusion = pytest.importorskip("pnp_sci.fusion")
 _network = pytest.importorskip("priors._network")
 _weights = pytest.importorskip("priors._weights")
 
@@ -179,14 +181,27 @@ def test_long_clips_go_in_pieces(prior, monkeypatch):
     np.testing.assert_allclose(prior(x, 0.1), whole, atol=0.02)
 
 
-def test_both_precisions_agree(prior):
+@pytest.mark.parametrize("cls", PRIORS)
+def test_both_precisions_agree(cls, weights, monkeypatch):
     x = noise((1, 4, 32, 32))
     outs = []
     for half in (False, True):
-        prior._runner.half = half
-        outs.append(prior(x, 0.1))
-    np.testing.assert_allclose(*outs, atol=0.01)
+        monkeypatch.setattr(inference, "half_precision", lambda device, half=half: half)
+        outs.append(cls(weights / cls.name)(x, 0.1))
+    np.testing.assert_allclose(*outs, atol=0.03)  # the motion may differ a little, too
     assert not np.array_equal(*outs)
+
+
+@pytest.mark.parametrize("cls", PRIORS)
+def test_fused_or_not_it_is_the_same(cls, weights, monkeypatch):
+    x, outs, could = noise((1, 4, 40, 32)), [], fusion._can_fuse
+    for possible in (True, False):
+        monkeypatch.setattr(fusion, "_can_fuse", lambda dtype, possible=possible: possible and could(dtype))
+        prior = cls(weights / cls.name)
+        outs.append(prior(x, 0.1))
+        fused = any(isinstance(module, fusion.Fused) for module in prior._runner.network.modules())
+        assert fused == (possible and could(torch.bfloat16))
+    np.testing.assert_allclose(*outs, atol=0.03)
 
 
 @pytest.mark.parametrize(

@@ -73,7 +73,7 @@ class Watch:
     def __call__(self, network: torch.nn.Module) -> States:
         """What the network, a bare one, sees within the solver."""
         runner = self.prior.net._runner
-        runner.network.load_state_dict(network.state_dict())
+        runner.use(network)
         seen: list[tuple[np.ndarray, np.ndarray]] = []
         kept: list[tuple[np.ndarray, np.ndarray, np.ndarray]] = []
         with _watched(runner, seen):
