@@ -3,9 +3,9 @@
 import numba
 import numpy as np
 
-from pnp_sci._jit import device_function, kernel
+from pnp_sci._jit import device_function, kernel, loop
 
-from ._flow_kernels import FRACTION, extend, warp
+from ._flow_kernels import CUBIC, FRACTION, extend
 
 NEAR = 1  # pixels either side of the box that averages squared differences, applied twice: a Gaussian of 1.2 pixels
 WIDE = 2  # ... and of that which averages flow: 2 pixels
@@ -41,12 +41,35 @@ def _box(picture, reach, scratch):
             below[j + reach] += scratch[enter, j] - scratch[leave, j]
 
 
+@loop
+def _warp(extended, flow, i, out):
+    """out[j] <- frame[i + flow rows, j + flow columns], bicubic, for a row i; the frame goes on as it ends.
+
+    Pixels are counted from the first one by unsigned integers, which numba does not check for being negative.
+    """
+    u, real = np.uint64, out.dtype.type
+    rows, columns, row = extended.shape[0] - 4, out.size, u(extended.shape[1])
+    pixels = extended.reshape(-1)
+    for j in range(columns):
+        y = u(min(max(i * FRACTION + flow[j, 1], 0), (rows - 1) * FRACTION))
+        x = u(min(max(j * FRACTION + flow[j, 0], 0), (columns - 1) * FRACTION))
+        wr, wc = CUBIC[y % u(FRACTION)], CUBIC[x % u(FRACTION)]
+        corner = y // u(FRACTION) * row + x // u(FRACTION)
+        total = real(0)
+        for b in range(u(4)):
+            k = corner + b
+            below = wr[u(0)] * pixels[k] + wr[u(1)] * pixels[k + row]
+            below += wr[u(2)] * pixels[k + u(2) * row] + wr[u(3)] * pixels[k + u(3) * row]
+            total += wc[b] * below
+        out[j] = total
+
+
 @device_function
 def _differ(here, there, flow, distance, scratch):
     """distance <- squared difference of a frame, extended, warped by the flow, from frame `here`, smoothed."""
     for i in range(len(here)):
         d = distance[i]
-        warp(there, flow[i], i, d)
+        _warp(there, flow[i], i, d)
         for j in range(d.size):
             d[j] = (d[j] - here[i, j]) ** 2
     _box(distance, NEAR, scratch)
@@ -57,7 +80,7 @@ def _differ(here, there, flow, distance, scratch):
 def differ(v, flow, pairs, distance):
     """distance[p] <- smoothed squared difference of frame n of v (B, H, W), warped, from frame b, for each pair."""
     frames, rows, columns = v.shape
-    extended = np.empty((frames, rows + 3, columns + 3), v.dtype)
+    extended = np.empty((frames, rows + 4, columns + 4), v.dtype)
     for b in numba.prange(frames):
         extend(v[b], extended[b])
     for p in numba.prange(len(pairs)):
@@ -69,7 +92,7 @@ def differ(v, flow, pairs, distance):
 def choose(v, candidate, favour, pairs, flow, distance):
     """flow[p], distance[p] <- the candidate's, where its distance is below `favour` times distance[p]."""
     frames, rows, columns = v.shape
-    extended = np.empty((frames, rows + 3, columns + 3), v.dtype)
+    extended = np.empty((frames, rows + 4, columns + 4), v.dtype)
     for b in numba.prange(frames):
         extend(v[b], extended[b])
     for p in numba.prange(len(pairs)):

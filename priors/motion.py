@@ -47,8 +47,8 @@ class Motion:
     pairs : ndarray of int, (P, 2)
         Frames (b, n): n helps b. Sorted; those of frame b are ``pairs[first[b]:first[b + 1]]``.
     first : ndarray of int, (B + 1,)
-    flow : ndarray of int16, (P, H, W, 2)
-        Columns and rows from a pixel of frame b to its place in frame n, in 64ths of a pixel.
+    flow : ndarray of int16, (P, ceil(H / 2), ceil(W / 2), 2)
+        Columns and rows from a pixel of frame b to its place in frame n, in 64ths of a pixel, for each 2 x 2 of them.
     weights : ndarray of uint8, (P, H, W)
         What n counts for b, 255 being as much as b itself.
     still : ndarray of float32, (H, W)
@@ -119,7 +119,7 @@ def measure(
     matches.consistency(flow, pairs, np.array([place[n, b] for b, n in near]), drift / 2, trust)
     matches.weigh(distance, trust, close, weights)
     pilot = np.empty_like(small)  # frames already averaged are cleaner, and tell better which of them are alike
-    averages.average(small, flow, weights, pairs, first, pilot)
+    averages.average(small, flow[:, ::2, ::2], weights, pairs, first, pilot)
     matches.differ(pilot, flow, pairs, distance)
     matches.weigh(distance, trust, close, weights)
     still = _at_rest(pilot, pairs, distance, rest)
@@ -140,10 +140,13 @@ def _searched(view: np.ndarray, pairs: np.ndarray, half: tuple[int, ...], before
         dis.setPatchStride(4)  # a third quicker than 3 pixels, and as accurate here
         dis.setGradientDescentIterations(STEPS)
         dis.setVariationalRefinementIterations(SMOOTHINGS)
-        begin = None if before is None else before.flow[p] / np.float32(averages.FRACTION)
+        begin = None
+        if before is not None:
+            begin = cv2.resize(before.flow[p] / np.float32(averages.FRACTION), view.shape[:0:-1])
         b, n = pairs[p]
         found = dis.calc(pictures[b], pictures[n], begin)  # type: ignore[call-overload, arg-type]
-        flow[p] = _resized(averages.FRACTION * found, half)
+        found = cv2.resize(found, half[::-1], interpolation=cv2.INTER_AREA)
+        flow[p] = _rescaled(averages.FRACTION * found, half, view.shape[1:])
 
     _for_each(len(pairs), search)
     return flow
@@ -198,11 +201,10 @@ def _enlarged(motion: Motion, height: int, width: int) -> Motion:
     """The motion of pictures of this size, from that of pictures half as large."""
     import cv2
 
-    flow = np.empty((len(motion.pairs), height, width, 2), np.int16)
-    weights = np.empty(flow.shape[:3], np.uint8)
+    flow = _rescaled(motion.flow, (height, width), motion.flow.shape[1:3])
+    weights = np.empty((len(flow), height, width), np.uint8)
 
     def enlarge(p: int) -> None:
-        flow[p] = _resized(motion.flow[p].astype(np.float32), (height, width))
         weights[p] = cv2.resize(motion.weights[p], (width, height), interpolation=cv2.INTER_LINEAR)
 
     _for_each(len(flow), enlarge)
@@ -210,15 +212,10 @@ def _enlarged(motion: Motion, height: int, width: int) -> Motion:
     return Motion(motion.pairs, motion.first, flow, weights, still)
 
 
-def _resized(flow: np.ndarray, shape: tuple[int, ...]) -> np.ndarray:
-    """Flow (H, W, 2), float32, between pictures of another size, as int16."""
-    import cv2
-
-    rows, columns = shape
-    larger = rows > len(flow)
-    resized = cv2.resize(flow, (columns, rows), interpolation=cv2.INTER_LINEAR if larger else cv2.INTER_AREA)
-    resized *= np.array([columns / flow.shape[1], rows / flow.shape[0]], np.float32)
-    return np.clip(np.rint(resized), -matches.LIMIT, matches.LIMIT).astype(np.int16)
+def _rescaled(flow: np.ndarray, size: tuple[int, ...], before: tuple[int, ...]) -> np.ndarray:
+    """Flow (..., 2) in pictures of another height and width, as int16."""
+    scale = np.array([size[1] / before[1], size[0] / before[0]], np.float32)
+    return np.clip(np.rint(flow * scale), -matches.LIMIT, matches.LIMIT).astype(np.int16)
 
 
 def finished(x: np.ndarray, sigma: float, neighbours: int, drift: float, rest: float) -> np.ndarray:

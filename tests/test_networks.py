@@ -194,14 +194,14 @@ def test_both_precisions_agree(cls, weights, monkeypatch):
 
 @pytest.mark.parametrize("cls", PRIORS)
 def test_fused_or_not_it_is_the_same(cls, weights, monkeypatch):
-    x, outs, could = noise((1, 4, 40, 32)), [], fusion._can_fuse
+    x, outs, could = scene(40) + np.float32(0.1) * noise((1, 10, 40, 40)), [], fusion._can_fuse
     for possible in (True, False):
         monkeypatch.setattr(fusion, "_can_fuse", lambda dtype, possible=possible: possible and could(dtype))
         prior = cls(weights / cls.name)
         outs.append(prior(x, 0.1))
         fused = any(isinstance(module, fusion.Fused) for module in prior._runner.network.modules())
         assert fused == (possible and could(torch.bfloat16))
-    np.testing.assert_allclose(*outs, atol=0.03)
+    assert np.abs(outs[0] - outs[1]).mean() < 0.005  # the motion may differ a little, too
 
 
 @pytest.mark.parametrize(
