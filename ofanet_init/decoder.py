@@ -121,4 +121,4 @@ def _network(views: int, frames: int, device: torch.device) -> OFaNet:
             "others can be trained with 'python -m ofanet_init.train'"
         )
     network, _ = _weights.load(path)
-    return ready(network, device)  # type: ignore[return-value]
+    return ready(network, device)

@@ -7,6 +7,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from contextlib import contextmanager
+from typing import TypeVar
 
 import numba
 import torch
@@ -26,7 +27,10 @@ def usable(device: str | None) -> torch.device:
     return place
 
 
-def ready(network: nn.Module, device: torch.device) -> nn.Module:
+Net = TypeVar("Net", bound=nn.Module)
+
+
+def ready(network: Net, device: torch.device) -> Net:
     """The network itself, on its device, as it is quickest there; it learns no more."""
     network.eval().to(device, memory_format=torch.channels_last)  # type: ignore[call-overload]
     if device.type == "cpu":

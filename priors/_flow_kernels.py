@@ -30,47 +30,47 @@ def extend(frame, out):
 
 
 @device_function
-def _down(pixels, k, row, weights):
-    """Interpolate a column of pixels between the second and third from k on, and between the next two."""
+def _column(pixels, k, row, weights):
+    """A column of pixels from k on, interpolated between the second and third, and between the third and fourth."""
     u = np.uint64
     w0, w1, w2, w3 = weights[u(0)], weights[u(1)], weights[u(2)], weights[u(3)]
-    p1, p2, p3 = pixels[k + row], pixels[k + u(2) * row], pixels[k + u(3) * row]
-    return w0 * pixels[k] + w1 * p1 + w2 * p2 + w3 * p3, w0 * p1 + w1 * p2 + w2 * p3 + w3 * pixels[k + u(4) * row]
+    p0, p1, p2 = pixels[k], pixels[k + row], pixels[k + u(2) * row]
+    p3, p4 = pixels[k + u(3) * row], pixels[k + u(4) * row]
+    return w0 * p0 + w1 * p1 + w2 * p2 + w3 * p3, w0 * p1 + w1 * p2 + w2 * p3 + w3 * p4
 
 
 @loop
-def _warp(extended, flow, i, upper, lower):
+def _warp_blocks(extended, flow, i, upper_even, upper_odd, lower_even, lower_odd):
     """The frame where the flow of blocks of 2 x 2 pixels points, bicubic, for rows 2 i (upper) and 2 i + 1 (lower).
 
-    Even and odd columns lie apart, (2, W / 2). A block's pixels have most of what they read in common, which takes half
-    of the time. Pixels are counted from the first one by unsigned integers, which numba does not check for being
-    negative.
+    Even and odd columns lie apart, (W / 2,) each. What a block's pixels read they have mostly in common, which takes
+    half of the time. Its first pixel is held to the frame, the others lie beside that.
+    Pixels are counted from the first one by unsigned integers, which numba does not check for being negative.
     """
-    u, real = np.uint64, upper.dtype.type
+    u, real = np.uint64, upper_even.dtype.type
     rows, columns, row = extended.shape[0] - 4, extended.shape[1] - 4, u(extended.shape[1])
     pixels = extended.reshape(-1)
-    top_even, top_odd, low_even, low_odd = upper[0], upper[1], lower[0], lower[1]
-    for j in range(upper.shape[1]):
+    for j in range(upper_even.size):
         y = u(min(max(2 * i * FRACTION + flow[j, 1], 0), (rows - 1) * FRACTION))
         x = u(min(max(2 * j * FRACTION + flow[j, 0], 0), (columns - 1) * FRACTION))
-        wr, wc = CUBIC[y % u(FRACTION)], CUBIC[x % u(FRACTION)]
+        down, across = CUBIC[y % u(FRACTION)], CUBIC[x % u(FRACTION)]
         k = y // u(FRACTION) * row + x // u(FRACTION)
-        top, low = _down(pixels, k, row, wr)
-        t, l = _down(pixels, k + u(4), row, wr)
-        te, to, le, lo = wc[u(0)] * top, wc[u(3)] * t, wc[u(0)] * low, wc[u(3)] * l
+        first_upper, first_lower = _column(pixels, k, row, down)
+        last_upper, last_lower = _column(pixels, k + u(4), row, down)
+        even = across[u(0)] * first_upper, across[u(0)] * first_lower
+        odd = across[u(3)] * last_upper, across[u(3)] * last_lower
         for c in range(u(1), u(4)):
-            top, low = _down(pixels, k + c, row, wr)
-            te += wc[c] * top
-            to += wc[c - u(1)] * top
-            le += wc[c] * low
-            lo += wc[c - u(1)] * low
-        top_even[j], top_odd[j], low_even[j], low_odd[j] = real(te), real(to), real(le), real(lo)
+            upper, lower = _column(pixels, k + c, row, down)
+            even = even[0] + across[c] * upper, even[1] + across[c] * lower
+            odd = odd[0] + across[c - u(1)] * upper, odd[1] + across[c - u(1)] * lower
+        upper_even[j], lower_even[j] = real(even[0]), real(even[1])
+        upper_odd[j], lower_odd[j] = real(odd[0]), real(odd[1])
 
 
 @loop
-def _add(warped, share, total, out):
-    """out <- out + share * warped, total <- total + share; even and odd columns of `warped` lie apart."""
-    even, odd, pairs = warped[0], warped[1], out.size // 2
+def _add(even, odd, share, total, out):
+    """out <- out + share * warped, total <- total + share; even and odd columns of what is warped lie apart."""
+    pairs = out.size // 2
     for j in range(pairs):
         v, w = out.dtype.type(share[2 * j]), out.dtype.type(share[2 * j + 1])
         total[2 * j] += v
@@ -101,9 +101,10 @@ def average(v, flow, weights, pairs, first, out):
             for i in here:
                 out[b, i] = v[b, i] * v.dtype.type(255)
             for p in range(first[b], first[b + 1]):
-                _warp(extended[pairs[p, 1]], flow[p, top // 2], top // 2, warped[0], warped[1])
+                there, half = extended[pairs[p, 1]], top // 2
+                _warp_blocks(there, flow[p, half], half, warped[0, 0], warped[0, 1], warped[1, 0], warped[1, 1])
                 for i in here:
-                    _add(warped[i - top], weights[p, i], total[i - top], out[b, i])
+                    _add(warped[i - top, 0], warped[i - top, 1], weights[p, i], total[i - top], out[b, i])
             for i in here:
                 out[b, i] /= total[i - top]
 

@@ -23,10 +23,10 @@ class Runner:
     def __init__(self, path: Path, name: str, device: str | None):
         self.device = usable(device)
         network, self.sha256 = _weights.load(path, name)
-        self.use(network)
+        self.network = ready(network, self.device)
 
     def use(self, network: torch.nn.Module) -> None:
-        """Let a copy of this network be the one, whose weights then are not those of the file."""
+        """Go on with a copy of this network in the place of the file's."""
         self.network = ready(deepcopy(network), self.device)
 
     def noise(self, frames: np.ndarray, level: np.ndarray, turn: int = 0) -> np.ndarray:

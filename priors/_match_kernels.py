@@ -42,7 +42,7 @@ def _box(picture, reach, scratch):
 
 
 @loop
-def _warp(extended, flow, i, out):
+def _warp_row(extended, flow, i, out):
     """out[j] <- frame[i + flow rows, j + flow columns], bicubic, for a row i; the frame goes on as it ends.
 
     Pixels are counted from the first one by unsigned integers, which numba does not check for being negative.
@@ -69,7 +69,7 @@ def _differ(here, there, flow, distance, scratch):
     """distance <- squared difference of a frame, extended, warped by the flow, from frame `here`, smoothed."""
     for i in range(len(here)):
         d = distance[i]
-        _warp(there, flow[i], i, d)
+        _warp_row(there, flow[i], i, d)
         for j in range(d.size):
             d[j] = (d[j] - here[i, j]) ** 2
     _box(distance, NEAR, scratch)

@@ -55,6 +55,13 @@ def conv(inputs: int, outputs: int, size: int = 3, stride: int = 1) -> nn.Conv2d
     return nn.Conv2d(inputs, outputs, size, stride, padding=(size - 1) // 2, bias=False)
 
 
+def enlargement(fine: int, coarse: int) -> nn.ConvTranspose2d:
+    """Each pixel becomes two by two."""
+    layer = nn.ConvTranspose2d(coarse, fine, 2, 2, bias=False)
+    nn.init.uniform_(layer.weight, -(coarse**-0.5), coarse**-0.5)  # torch itself takes four times `fine` for the inputs
+    return layer
+
+
 def stage(count: int, width: int) -> nn.Sequential:
     """Residual blocks of two convolutions, at one scale."""
     bodies = (nn.Sequential(conv(width, width), nn.ReLU(inplace=True), conv(width, width)) for _ in range(count))
@@ -76,9 +83,7 @@ class Network(nn.Module):
         self.down = nn.ModuleList(stage(*scale) for scale in zip(blocks, widths))
         self.up = nn.ModuleList(stage(*scale) for scale in zip(blocks[:-1], widths))
         self.shrink = nn.ModuleList(conv(fine, coarse, 2, 2) for fine, coarse in pairwise(widths))
-        self.grow = nn.ModuleList(
-            nn.ConvTranspose2d(coarse, fine, 2, 2, bias=False) for fine, coarse in pairwise(widths)
-        )
+        self.grow = nn.ModuleList(enlargement(fine, coarse) for fine, coarse in pairwise(widths))
         self.tail = conv(widths[0], 4)
         nn.init.zeros_(self.tail.weight)
 

@@ -49,6 +49,7 @@ class Motion:
     first : ndarray of int, (B + 1,)
     flow : ndarray of int16, (P, ceil(H / 2), ceil(W / 2), 2)
         Columns and rows from a pixel of frame b to its place in frame n, in 64ths of a pixel, for each 2 x 2 of them.
+        (It is that of pictures half as large, whose pixels lie up to one apart from these where H or W is odd.)
     weights : ndarray of uint8, (P, H, W)
         What n counts for b, 255 being as much as b itself.
     still : ndarray of float32, (H, W)
@@ -119,7 +120,8 @@ def measure(
     matches.consistency(flow, pairs, np.array([place[n, b] for b, n in near]), drift / 2, trust)
     matches.weigh(distance, trust, close, weights)
     pilot = np.empty_like(small)  # frames already averaged are cleaner, and tell better which of them are alike
-    averages.average(small, flow[:, ::2, ::2], weights, pairs, first, pilot)
+    of_blocks = np.ascontiguousarray(flow[:, ::2, ::2])  # that of every second pixel will do
+    averages.average(small, of_blocks, weights, pairs, first, pilot)
     matches.differ(pilot, flow, pairs, distance)
     matches.weigh(distance, trust, close, weights)
     still = _at_rest(pilot, pairs, distance, rest)
@@ -146,7 +148,7 @@ def _searched(view: np.ndarray, pairs: np.ndarray, half: tuple[int, ...], before
         b, n = pairs[p]
         found = dis.calc(pictures[b], pictures[n], begin)  # type: ignore[call-overload, arg-type]
         found = cv2.resize(found, half[::-1], interpolation=cv2.INTER_AREA)
-        flow[p] = _rescaled(averages.FRACTION * found, half, view.shape[1:])
+        flow[p] = _rescaled(averages.FRACTION * found, view.shape[1:], half)
 
     _for_each(len(pairs), search)
     return flow
@@ -201,10 +203,11 @@ def _enlarged(motion: Motion, height: int, width: int) -> Motion:
     """The motion of pictures of this size, from that of pictures half as large."""
     import cv2
 
-    flow = _rescaled(motion.flow, (height, width), motion.flow.shape[1:3])
-    weights = np.empty((len(flow), height, width), np.uint8)
+    half = motion.flow.shape[1:3]
+    flow, weights = np.empty_like(motion.flow), np.empty((len(motion.pairs), height, width), np.uint8)
 
     def enlarge(p: int) -> None:
+        flow[p] = _rescaled(motion.flow[p], half, (height, width))
         weights[p] = cv2.resize(motion.weights[p], (width, height), interpolation=cv2.INTER_LINEAR)
 
     _for_each(len(flow), enlarge)
@@ -212,9 +215,9 @@ def _enlarged(motion: Motion, height: int, width: int) -> Motion:
     return Motion(motion.pairs, motion.first, flow, weights, still)
 
 
-def _rescaled(flow: np.ndarray, size: tuple[int, ...], before: tuple[int, ...]) -> np.ndarray:
-    """Flow (..., 2) in pictures of another height and width, as int16."""
-    scale = np.array([size[1] / before[1], size[0] / before[0]], np.float32)
+def _rescaled(flow: np.ndarray, size: tuple[int, ...], other: tuple[int, ...]) -> np.ndarray:
+    """The flow (..., 2) in pictures of this height and width in pixels of pictures of another, as int16."""
+    scale = np.array([other[1] / size[1], other[0] / size[0]], np.float32)
     return np.clip(np.rint(flow * scale), -matches.LIMIT, matches.LIMIT).astype(np.int16)
 
 

@@ -40,11 +40,12 @@ def catmull_rom(t):
     return t ** np.arange(4) @ matrix
 
 
+@pytest.mark.parametrize("dtype", [np.float32, np.float64])
 @pytest.mark.parametrize("shape", [(9, 12), (8, 7), (1, 1), (2, 3)])
-def test_averages_fetch_blocks_from_where_the_flow_points(shape):
+def test_averages_fetch_blocks_from_where_the_flow_points(shape, dtype):
     """As bicubic interpolation by itself does, beyond the edges as the frame ends; sizes odd and even."""
     random = np.random.default_rng(0)
-    view = random.random((2, *shape)).astype(np.float32)
+    view = random.random((2, *shape)).astype(dtype)
     half = [(size + 1) // 2 for size in shape]
     flow = random.integers(-3 * FRACTION, 3 * FRACTION, (2, *half, 2)).astype(np.int16)
     weights = random.integers(256, size=(2, *shape)).astype(np.uint8)

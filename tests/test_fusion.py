@@ -74,21 +74,50 @@ def no_such_operation(*args):
     raise RuntimeError("no such operation")
 
 
-def other_operation(x, *args):
-    return torch.zeros_like(x)
+class OtherSlope:
+    """The operation itself, but for the slope of a rectifier."""
+
+    def __init__(self, operation):
+        self.operation, self.binary = operation, operation.binary
+
+    def __call__(self, *args):
+        *layer, kind, slope, algorithm = args
+        return self.operation(*layer, kind, [0.0 for _ in slope], algorithm)
 
 
-other_operation.binary = other_operation
-
-
-@pytest.mark.parametrize("operation", [None, no_such_operation, other_operation])
-def test_without_what_is_private_to_torch_all_stays(monkeypatch, operation):
-    monkeypatch.setattr(torch.ops.mkldnn, "_convolution_pointwise", operation, raising=False)
+@pytest.mark.parametrize("dtype", [torch.float32, torch.bfloat16])
+@pytest.mark.parametrize("change", [lambda operation: None, lambda operation: no_such_operation, OtherSlope])
+def test_without_what_is_private_to_torch_all_stays(monkeypatch, change, dtype):
+    if not fusion._can_fuse(dtype):
+        pytest.skip("this torch fuses nothing")
+    operation = torch.ops.mkldnn._convolution_pointwise
+    monkeypatch.setattr(torch.ops.mkldnn, "_convolution_pointwise", change(operation))
     fusion._can_fuse.cache_clear()
     try:
         plain = network()
-        fusion.fuse(plain, torch.float32)
+        fusion.fuse(plain, dtype)
         assert not fused_layers(plain)
         assert run(plain, torch.rand(1, 3, 8, 8)).isfinite().all()
     finally:
         fusion._can_fuse.cache_clear()
+
+
+def test_the_check_leaves_random_numbers_alone():
+    state = torch.random.get_rng_state()
+    fusion._can_fuse.cache_clear()
+    fusion._can_fuse(torch.float32)
+    assert torch.equal(torch.random.get_rng_state(), state)
+
+
+def test_state_of_a_fused_network_is_complete():
+    whole = network()
+    names = set(whole.state_dict())
+    fusion.fuse(whole, torch.float32)
+    assert set(whole.state_dict()) == names
+
+
+@pytest.mark.parametrize("other", [{"padding_mode": "reflect", "padding": 1}, {"padding": "same"}])
+def test_what_oneDNN_does_not_know_stays(other):
+    layers = nn.Sequential(nn.Conv2d(2, 2, 3, **other))
+    fusion.fuse(layers, torch.float32)
+    assert not fused_layers(layers)

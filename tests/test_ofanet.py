@@ -11,6 +11,8 @@ from pnp_sci.errors import DataUnavailableError, FormatError, InputError
 
 torch = pytest.importorskip("torch")
 pytest.importorskip("safetensors")
+fusion = pytest.importorskip("pnp_sci.fusion")
+half_precision = pytest.importorskip("pnp_sci.inference").half_precision
 amplifier = pytest.importorskip("ofanet_init.amplifier")
 config = pytest.importorskip("ofanet_init.config")
 decoder = pytest.importorskip("ofanet_init.decoder")
@@ -280,6 +282,20 @@ def test_decode_scales_with_the_measurement(trained, case, model, factor):
     x, scaled = (pnp_sci.decode(a * y, masks, model=model).x for a in (1.0, factor))
     assert x.shape == masks.shape
     assert np.allclose(scaled, factor * x, atol=2e-2 * factor * np.abs(x).max())
+
+
+@pytest.mark.parametrize("model", ["ofanet", "ofanet-fast"])
+def test_fused_or_not_it_decodes_the_same(trained, case, model, monkeypatch):
+    outs, could = [], fusion._can_fuse
+    for possible in (True, False):
+        monkeypatch.setattr(fusion, "_can_fuse", lambda dtype, possible=possible: possible and could(dtype))
+        decoder._network.cache_clear()
+        outs.append(pnp_sci.decode(*case, model=model).x)
+        modules = decoder._network(2, 4, torch.device("cpu")).modules()
+        half = half_precision(torch.device("cpu"))
+        fused = any(isinstance(module, fusion.Fused) for module in modules)
+        assert fused == (possible and could(torch.bfloat16 if half else torch.float32))
+    assert np.abs(outs[0] - outs[1]).mean() < 0.02 * np.abs(outs[0]).mean()
 
 
 @pytest.mark.parametrize(("noise", "passes"), [(0, 2), (0.1, 1)])

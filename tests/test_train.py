@@ -129,6 +129,11 @@ def test_resume_refuses_another_run(folder, tmp_path):
         train(folder, tmp_path, steps=2, seed=1, resume=True)
     with pytest.raises(FormatError, match=r"video .* with seed 0 by adam, but video .* with seed 0 by muon"):
         train(folder, tmp_path, steps=2, optimizer="muon", resume=True)
+    state = torch.load(tmp_path / "checkpoint.pt", weights_only=True)
+    state["network"]["of an earlier version"] = state["network"].popitem()[1]
+    torch.save(state, tmp_path / "checkpoint.pt")
+    with pytest.raises(FormatError, match="had other layers"):
+        train(folder, tmp_path, steps=2, resume=True)
 
 
 @pytest.mark.parametrize("shape", [(3, 16, 16), (2, 8, 72), (1, 64, 20)])

@@ -248,8 +248,11 @@ class Trainer:
         if held != asked:
             runs = ("{} ({}) with seed {} by {}".format(*run) for run in (held, asked))
             raise FormatError("resume: the checkpoint is of {}, but {} was asked for".format(*runs))
-        self.network.load_state_dict(state["network"])
-        self.average.load_state_dict(state["average"])
+        try:
+            self.network.load_state_dict(state["network"])
+            self.average.load_state_dict(state["average"])
+        except RuntimeError as error:
+            raise FormatError(f"resume: the checkpoint is of {earlier}, whose network had other layers") from error
         for optimizer, kept in zip(self.optimizers, state["optimizers"]):
             optimizer.load_state_dict(kept)
         self.progress = Progress(**state["progress"])
