@@ -188,7 +188,7 @@ def test_both_precisions_agree(cls, weights, monkeypatch):
     for half in (False, True):
         monkeypatch.setattr(inference, "half_precision", lambda device, half=half: half)
         outs.append(cls(weights / cls.name)(x, 0.1))
-    np.testing.assert_allclose(*outs, atol=0.03 if cls is VideoDenoiser else 0.01)  # the motion may differ a little, too
+    np.testing.assert_allclose(*outs, atol=0.03 if cls is VideoDenoiser else 0.01)  # motion may differ
     assert not np.array_equal(*outs)
 
 
