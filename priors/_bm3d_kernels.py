@@ -9,6 +9,8 @@ import numpy as np
 
 from pnp_sci._jit import FASTMATH, kernel, loop
 
+from ._eight import add_row, copy_row, transpose
+
 SIDE = 8  # pixels of a patch, along either axis, and patches of a group
 SQUARE, CUBE = SIDE**2, SIDE**3
 STEP = 4  # pixels between the patches that groups are made for; a patch is two by two cells of so many
@@ -16,14 +18,8 @@ REACH = 12  # pixels either side within which alike patches are looked for
 BAND = 8  # rows of groups that are filtered one after the other
 
 
-def _cosines(size: int) -> np.ndarray:
-    """The orthonormal discrete cosine transform, (size, size), a cosine in each row."""
-    k, n = np.mgrid[:size, :size]
-    return np.cos(np.pi * k * (2 * n + 1) / (2 * size)) * np.sqrt(np.where(k, 2, 1) / size)
-
-
-FORWARD, INVERSE = 0, 1
-BASES = np.stack([_cosines(SIDE).T, _cosines(SIDE)]).astype(np.float32)  # in memory that nothing writes, for LLVM
+# of the orthonormal cosine transform: cos(k pi / 16) / 2, for k = 1 to 7
+C1, C2, C3, C4, C5, C6, C7 = (np.float32(np.cos(k * np.pi / 16) / 2) for k in range(1, SIDE))
 OF_TWO, OF_FOUR, OF_EIGHT = (np.float32(1 / np.sqrt(n)) for n in (2, 4, 8))  # orthonormal Haar waves of so many patches
 EDGE = np.kaiser(SIDE, 2).astype(np.float32)  # patches count less at their edges
 WINDOW = np.outer(EDGE, EDGE).reshape(-1)
@@ -36,15 +32,18 @@ summing = numba.njit(cache=True, fastmath=FASTMATH | {"reassoc"}, error_model="n
 def _cells(frame, top, there, shift, squares, cells):
     """cells[c] <- the squared differences of STEP x STEP pixels from those `there` and `shift` beyond; else inf."""
     low, high = max(0, -shift), min(squares.size, squares.size - shift)
-    squares[:] = np.inf
-    squares[low:high] = 0
-    for i in range(STEP):
-        a, b, s = frame[top + i, low:high], frame[there + i, low + shift : high + shift], squares[low:high]
-        for j in range(s.size):
-            s[j] += (a[j] - b[j]) ** 2
-    for c in range(cells.size):
-        at = STEP * c
-        cells[c] = squares[at] + squares[at + 1] + squares[at + 2] + squares[at + 3]
+    a, b, c, d = frame[top, low:], frame[top + 1, low:], frame[top + 2, low:], frame[top + 3, low:]
+    low += shift
+    p, q, r, t = frame[there, low:], frame[there + 1, low:], frame[there + 2, low:], frame[there + 3, low:]
+    low -= shift
+    s = squares[low:high]
+    for j in range(s.size):
+        s[j] = (a[j] - p[j]) ** 2 + (b[j] - q[j]) ** 2 + (c[j] - r[j]) ** 2 + (d[j] - t[j]) ** 2
+    begin, end = (low + STEP - 1) // STEP, high // STEP
+    cells[:begin], cells[end:] = np.inf, np.inf
+    for k in range(begin, end):
+        at = STEP * k
+        cells[k] = squares[at] + squares[at + 1] + squares[at + 2] + squares[at + 3]
 
 
 @loop
@@ -107,49 +106,52 @@ def _gather(pixels, columns, places, cube):
     """cube <- the patches at these places."""
     for k in range(SIDE):
         for i in range(SIDE):
-            at, to = places[k] + i * columns, SQUARE * k + SIDE * i
-            _copy(pixels[at : at + SIDE], cube[to : to + SIDE])
+            copy_row(pixels, places[k] + i * columns, cube, SQUARE * k + SIDE * i)
 
 
 @loop
-def _copy(row, out):
-    """out <- row, both of SIDE values: all are read before one is written, so that LLVM makes vectors of them."""
-    a, b, c, d, e, f, g, h = row[0], row[1], row[2], row[3], row[4], row[5], row[6], row[7]
-    out[0], out[1], out[2], out[3], out[4], out[5], out[6], out[7] = a, b, c, d, e, f, g, h
+def _cosines(a, b, c, d, e, f, g, h):
+    """The orthonormal discrete cosine transform of eight values."""
+    s, t, u, v = a + h, b + g, c + f, d + e
+    w, x, y, z = a - h, b - g, c - f, d - e
+    outer, inner = s - v, t - u
+    return (
+        C4 * (s + v + t + u), C1 * w + C3 * x + C5 * y + C7 * z,
+        C2 * outer + C6 * inner, C3 * w - C7 * x - C1 * y - C5 * z,
+        C4 * (s + v - t - u), C5 * w - C1 * x + C7 * y + C3 * z,
+        C6 * outer - C2 * inner, C7 * w - C5 * x + C3 * y - C1 * z,
+    )  # fmt: skip
 
 
 @loop
-def _add(row, out):
-    """out += row, both of SIDE values."""
-    a, b, c, d = row[0] + out[0], row[1] + out[1], row[2] + out[2], row[3] + out[3]
-    e, f, g, h = row[4] + out[4], row[5] + out[5], row[6] + out[6], row[7] + out[7]
-    out[0], out[1], out[2], out[3], out[4], out[5], out[6], out[7] = a, b, c, d, e, f, g, h
+def _uncosines(a, b, c, d, e, f, g, h):
+    """The inverse of :func:`_cosines`."""
+    p, q, outer, inner = C4 * (a + e), C4 * (a - e), C2 * c + C6 * g, C6 * c - C2 * g
+    s, t, u, v = p + outer, q + inner, q - inner, p - outer
+    w, x = C1 * b + C3 * d + C5 * f + C7 * h, C3 * b - C7 * d - C1 * f - C5 * h
+    y, z = C5 * b - C1 * d + C7 * f + C3 * h, C7 * b - C5 * d + C3 * f - C1 * h
+    return s + w, t + x, u + y, v + z, v - z, u - y, t - x, s - w
 
 
 @loop
-def _rows(basis, v):
-    """v <- the products of its rows, SIDE values each, with the columns of a basis."""
-    m = BASES[basis]
-    for r in range(SQUARE):
-        at = SIDE * r
-        a, b, c, d, e, f, g, h = v[at], v[at + 1], v[at + 2], v[at + 3], v[at + 4], v[at + 5], v[at + 6], v[at + 7]
-        for n in range(SIDE):
-            first = a * m[0, n] + b * m[1, n] + c * m[2, n] + d * m[3, n]
-            v[at + n] = first + e * m[4, n] + f * m[5, n] + g * m[6, n] + h * m[7, n]
-
-
-@loop
-def _columns(basis, v):
-    """v <- the products of its columns, SIDE values each, with the columns of a basis."""
-    m = BASES[basis]
+def _columns(transform, v):
+    """v <- the transforms of the columns of its patches."""
     for k in range(SIDE):
         for j in range(SIDE):
             at = SQUARE * k + j
-            a, b, c, d = v[at], v[at + SIDE], v[at + 2 * SIDE], v[at + 3 * SIDE]
-            e, f, g, h = v[at + 4 * SIDE], v[at + 5 * SIDE], v[at + 6 * SIDE], v[at + 7 * SIDE]
-            for n in range(SIDE):
-                first = a * m[0, n] + b * m[1, n] + c * m[2, n] + d * m[3, n]
-                v[at + SIDE * n] = first + e * m[4, n] + f * m[5, n] + g * m[6, n] + h * m[7, n]
+            a, b, c, d, e, f, g, h = transform(
+                v[at], v[at + SIDE], v[at + 2 * SIDE], v[at + 3 * SIDE],
+                v[at + 4 * SIDE], v[at + 5 * SIDE], v[at + 6 * SIDE], v[at + 7 * SIDE],
+            )  # fmt: skip
+            v[at], v[at + SIDE], v[at + 2 * SIDE], v[at + 3 * SIDE] = a, b, c, d
+            v[at + 4 * SIDE], v[at + 5 * SIDE], v[at + 6 * SIDE], v[at + 7 * SIDE] = e, f, g, h
+
+
+@loop
+def _transposed(v):
+    """v <- its patches, rows for columns."""
+    for k in range(SIDE):
+        transpose(v, SQUARE * k)
 
 
 @loop
@@ -181,11 +183,21 @@ def _unhaar(v):
 
 @loop
 def _spectrum(pixels, columns, places, cube):
-    """cube <- the transform of the group of patches at these places."""
+    """cube <- the transform of the group of patches at these places, rows for columns."""
     _gather(pixels, columns, places, cube)
-    _rows(FORWARD, cube)
-    _columns(FORWARD, cube)
     _haar(cube)
+    _columns(_cosines, cube)
+    _transposed(cube)
+    _columns(_cosines, cube)
+
+
+@loop
+def _unspectrum(cube):
+    """cube <- the group of patches whose transform it is."""
+    _columns(_uncosines, cube)
+    _transposed(cube)
+    _columns(_uncosines, cube)
+    _unhaar(cube)
 
 
 @loop
@@ -200,24 +212,16 @@ def _threshold(cube, least):
     return 1 / max(kept, 1)
 
 
-@loop
+@summing
 def _shrink(cube, signal, variance):
-    """cube <- what a Wiener filter leaves of it for a signal, which is lost; returns how much its patches count."""
+    """cube <- what a Wiener filter leaves of it for a signal; returns how much its patches count."""
+    squares = cube.dtype.type(0)
     for x in range(CUBE):
         square = signal[x] * signal[x]
-        signal[x] = square / (square + variance)
-    for x in range(CUBE):
-        cube[x] *= signal[x]
-    return 1 / max(_energy(signal), 1e-6)
-
-
-@summing
-def _energy(v):
-    """The sum of squares."""
-    total = v.dtype.type(0)
-    for x in range(CUBE):
-        total += v[x] * v[x]
-    return total
+        left = square / (square + variance)
+        cube[x] *= left
+        squares += left * left
+    return 1 / max(squares, 1e-6)
 
 
 @loop
@@ -230,8 +234,7 @@ def _scatter(cube, window, weight, places, columns, begin, total, weights):
         for x in range(SQUARE):
             cube[SQUARE * k + x] *= weight * window[x]
         for i in range(SIDE):
-            at, of = places[k] + i * columns - begin, SQUARE * k + SIDE * i
-            _add(cube[of : of + SIDE], total[at : at + SIDE])
+            add_row(cube, SQUARE * k + SIDE * i, total, places[k] + i * columns - begin)
         weights[places[k] - begin] += weight
 
 
@@ -286,9 +289,7 @@ def collaborate(frames, pilot, level, threshold, found, out):
                     weight = _threshold(cube, threshold * sigma)
                 weight *= (faintest / sigma) ** 2
                 cube[0] = mean
-                _unhaar(cube)
-                _columns(INVERSE, cube)
-                _rows(INVERSE, cube)
+                _unspectrum(cube)
                 _scatter(cube, WINDOW, frames.dtype.type(weight), places, columns, begin, total[job], weights[job])
     for n in numba.prange(count):
         sums, counts = np.zeros((rows, columns), frames.dtype), np.zeros((rows, columns), frames.dtype)
