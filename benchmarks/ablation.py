@@ -17,6 +17,7 @@ import torch
 
 import pnp_sci
 from ofanet_init import _weights
+from pnp_sci.inference import mixed_precision
 
 DATA = Path(os.environ["PNP_SCI_DATA"])
 RUNS = Path("runs/ablation")
@@ -47,7 +48,7 @@ def scores(weights):
     for name in PAIRS:
         scene = pnp_sci.datasets.dualview(name)
         y, masks = (torch.from_numpy(np.float32(a))[None] for a in (scene.y, scene.masks))
-        with torch.inference_mode(), torch.autocast("cpu", torch.bfloat16):
+        with torch.inference_mode(), mixed_precision(torch.device("cpu")):
             video = network(y, masks).refined[0].float().numpy()
         pairs.append(np.mean(pnp_sci.psnr(video, scene.truth)))
     return sum(p.numel() for p in network.parameters()) / 1e6, held_out, np.mean(pairs)

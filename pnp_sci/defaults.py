@@ -10,7 +10,7 @@ from . import registry
 from .budget import LEARNED
 from .checks import one_of
 from .compose import FIRST
-from .judge import judge, patience, with_still_views
+from .judge import judge, patience
 from .problem import Problem
 from .scene import SceneModel, full
 from .schedule import Schedule
@@ -60,10 +60,8 @@ def choose_scene(scene: str | SceneModel, problem: Problem, prior: Any = None) -
         return scene
     if scene == "full" or "tv" not in registry.available("priors"):
         return full(problem.op)
-    tv = registry.load("priors", "tv")(still=False)
+    tv = partial(registry.load("priors", "tv"), still=False)
     if prior in QUICK or "flow" not in registry.available("priors"):
         return judge(problem, tv)
-    half = patience(problem.op) // 2  # the other half shows what motion tells
-    flow = partial(registry.load("priors", "flow"), first=half, **JUDGED_WITH)
-    chosen = judge(problem, tv, flow)
-    return chosen if prior is None else with_still_views(problem, tv, flow, chosen)
+    flow = partial(registry.load("priors", "flow"), first=patience(problem.op) // 2, **JUDGED_WITH)
+    return judge(problem, tv, flow, each_view=prior is not None)

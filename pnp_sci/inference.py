@@ -41,8 +41,7 @@ def ready(network: Net, device: torch.device) -> Net:
 @contextmanager
 def running(device: torch.device) -> Iterator[None]:
     """Meanwhile, networks that are :func:`ready` may be called: without gradients, and in half precision if quicker."""
-    half = torch.autocast(device.type, torch.bfloat16, enabled=half_precision(device))
-    with as_many_threads(), torch.inference_mode(), half:
+    with as_many_threads(), torch.inference_mode(), mixed_precision(device):
         yield
 
 
@@ -58,6 +57,11 @@ def as_many_threads() -> Iterator[None]:
         yield
     finally:
         torch.set_num_threads(before)
+
+
+def mixed_precision(device: torch.device) -> torch.autocast:
+    """Meanwhile, networks work in half precision if `device` is quicker in that."""
+    return torch.autocast(device.type, torch.bfloat16, enabled=half_precision(device))
 
 
 def half_precision(device: torch.device) -> bool:

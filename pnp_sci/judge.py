@@ -19,23 +19,25 @@ WINDOW = 48  # pixels a side of what lies in its middle: something small that mo
 HELD_BACK = 0.1  # of the pixels of y, to be predicted
 LEAST, PER_FRAME = 60, 3  # iterations of the quick estimates; with fewer the full model has not shown what it can do
 LOOK = 10  # iterations that show where the simple model is worst off
-EARLY = 20  # ... and sometimes that the full one is better
+EARLY = 20  # ... and mostly that the full one is better
 EVERYWHERE = 0.3  # of the mean squared error, added to that of every window: where both models fit well is no contest
-# Of the full model's squared error beyond the noise. On 14 clips of 256 x 256 through masks for two views of ten frames
-# and for one of eight, still ones have at most 0.87 of it and all but 3 of 28 moving ones 0.85 or more.
+# Of the full model's squared error beyond the noise, after 20 iterations with TV and more; still scenes have at most
+# 1.1 on 11 clips of 128 x 128 and 256 x 256 through masks for two views of ten frames and for one of eight.
+PERHAPS = 1.2
+# ... in the end. On 14 such clips of 256 x 256 still ones have at most 0.87, all but 3 of 28 moving ones 0.85 or more.
 CLEARLY = 0.8
-# ... where a careful comparison follows: on 11 such clips still ones have at most 1.12 of it, but for one of 44. There,
-# with flow in the place of TV, still ones have at most 1.4 but for four of one view, moving ones 1.7 but for one clip.
-PERHAPS, CAREFULLY = 1.2, 1.4
+# ... where flow takes over from TV half way, after so many calls of it, in parts of all: on 11 clips of each of these
+# kinds still ones have at most 1.4 after 12 of 60 and moving ones 1.8 or more, with noise of 0.01 and 0.02 of max(y)
+# too. After 30 calls they overlap.
+CAREFULLY, CALLS = 1.6, (8 / 60, 12 / 60)
 # ... with TV for a view that stands still beside moving ones, whose errors both models share. With flow the mean gain
-# must then be so many of its standard errors: on 11 pairs of clips of 128 x 128 with a still view 8 have more, and 4
-# with noise of 0.02 of max(y), but of 66 views of pairs that move none. (Chosen on these pairs.)
-BESIDE, SURELY = 1.0, 2.0
-GLANCE = 2 / 3  # of the iterations: most moving views are found out by then
+# must then be a standard error in the end: on 11 pairs of clips of 128 x 128 with a still view 8 have that, and none of
+# 66 views of pairs that move. (Chosen on these pairs.)
+BESIDE, SURELY = 1.0, 1.0
 # Of the variance of the noise, which may be estimated so much too low: left in both errors, that makes them alike.
 DOUBT = 0.1
 
-Careful = Callable[[], Denoiser]
+Make = Callable[[], Denoiser]
 # Whether the squared errors (N,) of a simple model, beyond the noise, are fine beside another's.
 IsFine = Callable[[np.ndarray, np.ndarray], bool]
 
@@ -45,7 +47,7 @@ def patience(op: SensingOperator) -> int:
     return max(LEAST, PER_FRAME * op.shape[0] * op.shape[1])
 
 
-def judge(problem: Problem, denoiser: Denoiser, careful: Careful | None = None) -> SceneModel:
+def judge(problem: Problem, quick: Make, careful: Make | None = None, each_view: bool = False) -> SceneModel:
     """What this measurement requires to be modelled, from the measurement alone.
 
     Simpler models are tried against the full one: without the views whose level is near 0, and with one frame per view.
@@ -56,49 +58,44 @@ def judge(problem: Problem, denoiser: Denoiser, careful: Careful | None = None) 
     Parameters
     ----------
     problem : Problem
-    denoiser : Denoiser
-        For the quick estimates, such as TV.
+    quick : callable
+        Makes a denoiser for quick estimates, such as TV.
     careful : callable, optional
-        Makes a better one, such as flow, for solvers whose prior is better than `denoiser` too: with it both models are
-        compared once more. Where masks are sparse, frames many or pictures small, a still model is as good as what TV
-        makes of a moving scene, but not as good as what flow makes of it.
+        Makes a better one, such as flow, for solvers whose prior is better than the quick one too; half of
+        :func:`patience` calls it leaves to the quick one. Where masks are sparse, frames many or pictures small, a
+        still model is as good as what TV makes of a moving scene, but not as good as what flow makes of it.
+    each_view : bool
+        Whether single views that stand still beside others are looked for, with the careful denoiser. All models share
+        the errors of what moves there, so that one frame must predict better, and beyond chance.
     """
     op = problem.op
+    predicts_better = _Comparison(problem)
     chosen = full(op, "every view and frame is needed")
+    plain = {EARLY: partial(_at_most, PERHAPS), patience(op): partial(_at_most, CLEARLY)}
     levels = view_levels(op, problem.y)
     lit = tuple(bool(v) for v in levels > DARK * levels.max())
     if not all(lit) and any(lit):
         dark = ", ".join(str(v + 1) for v, on in enumerate(lit) if not on)
         without = SceneModel(lit, False, f"view {dark} is dark: y is explained without it")
-        if _predicts_better(problem, without, chosen, (denoiser, partial(_at_most, CLEARLY))):
+        if predicts_better(without, chosen, quick, plain):
             chosen = without
-    if op.shape[1] > 1:
-        so_far = "" if chosen.complete else chosen.reason + "; "
-        still = SceneModel(chosen.views, True, so_far + "nothing moves: one frame per view explains y")
-        if careful is None:
-            return still if _predicts_better(problem, still, chosen, (denoiser, partial(_at_most, CLEARLY))) else chosen
-        tests = (denoiser, partial(_at_most, PERHAPS)), (careful, {1.0: partial(_at_most, CAREFULLY)})
-        if _predicts_better(problem, still, chosen, *tests):
-            return still
-    return chosen
-
-
-def with_still_views(problem: Problem, denoiser: Denoiser, careful: Careful, chosen: SceneModel) -> SceneModel:
-    """The chosen model of a scene in which something moves, with one frame for each view that stands still in it.
-
-    One view after the other is tried, as :func:`judge` tries models; all share the errors of what moves, so that one
-    frame must predict better with the careful denoiser, and beyond chance.
-    """
-    if chosen.nothing_moves or problem.op.shape[1] == 1:
+    if op.shape[1] == 1:
         return chosen
-    looks = {GLANCE: partial(_at_most, 1.0), 1.0: _beyond_chance}
-    tests = (denoiser, partial(_at_most, BESIDE)), (careful, looks)
     so_far = "" if chosen.complete else chosen.reason + "; "
-    for view in np.flatnonzero(chosen.views):
-        still = tuple(s or v == view for v, s in enumerate(chosen.still))  # type: ignore[arg-type]
-        names = " and ".join(str(v + 1) for v, s in enumerate(still) if s)
-        model = SceneModel(chosen.views, still, f"{so_far}one frame explains what y shows of view {names}")
-        if not model.nothing_moves and _predicts_better(problem, model, chosen, *tests):
+    still = SceneModel(chosen.views, True, so_far + "nothing moves: one frame per view explains y")
+    if careful is None:
+        return still if predicts_better(still, chosen, quick, plain) else chosen
+    half, calls = patience(op) // 2, [round(part * patience(op)) for part in CALLS]
+    by_tv = dict.fromkeys((EARLY, half), partial(_at_most, PERHAPS))
+    by_flow = {half + n: partial(_at_most, CAREFULLY) for n in calls}
+    if predicts_better(still, chosen, careful, by_tv | by_flow, DOUBT):
+        return still
+    beside = dict.fromkeys((EARLY, half), partial(_at_most, BESIDE)) | {half + calls[-1]: _beyond_chance}
+    for view in np.flatnonzero(chosen.views) if each_view else ():
+        stills = tuple(s or v == view for v, s in enumerate(chosen.still))  # type: ignore[arg-type]
+        names = " and ".join(str(v + 1) for v, s in enumerate(stills) if s)
+        model = SceneModel(chosen.views, stills, f"{so_far}one frame explains what y shows of view {names}")
+        if not model.nothing_moves and predicts_better(model, chosen, careful, beside, DOUBT):
             chosen = model
     return chosen
 
@@ -121,51 +118,50 @@ def view_levels(op: SensingOperator, y: np.ndarray) -> np.ndarray:
     return np.abs(np.linalg.pinv(normal, rcond=1e-10, hermitian=True) @ np.einsum("vp,p->v", fine, detail))
 
 
-def _predicts_better(
-    problem: Problem,
-    simple: SceneModel,
-    other: SceneModel,
-    quick: tuple[Denoiser, IsFine],
-    careful: tuple[Careful, dict[float, IsFine]] | None = None,
-) -> bool:
-    """Whether the simple model predicts pixels of y held back well enough, on the tile where it is worst off.
+class _Comparison:
+    """Models of a scene, compared by how they predict pixels of y that are held back; saturated ones are neither."""
 
-    That is in each test given, the quick one first, and after each part of the careful one's iterations. Saturated
-    pixels are neither seen nor predicted.
-    """
-    denoiser, is_fine = quick
-    op, y, noise = problem.op, problem.y, problem.typical_noise
-    expected = noise**2 * (1 if careful is None else 1 + DOUBT)
-    hidden = np.random.default_rng(0).random(y.shape) < HELD_BACK
-    seen = ~hidden
-    if problem.saturated is not None:
-        hidden, seen = hidden & ~problem.saturated, seen & ~problem.saturated
-    errors = (next(_prediction_errors(model.reduce(op), y, seen, noise, denoiser, LOOK)) for model in (simple, other))
-    crop = _contested_tile(*(hidden * error**2 for error in errors))
-    part, y, hidden, seen = SensingOperator(op.masks[(..., *crop)], op.dtype), y[crop], hidden[crop], seen[crop]
-    if not hidden.any():
-        return False
+    def __init__(self, problem: Problem):
+        self.problem = problem
+        self.hidden = np.random.default_rng(0).random(problem.y.shape) < HELD_BACK
+        self.seen = ~self.hidden
+        if problem.saturated is not None:
+            self.hidden, self.seen = self.hidden & ~problem.saturated, self.seen & ~problem.saturated
+        self._first: dict[SceneModel, np.ndarray] = {}
 
-    def squares(model: SceneModel, prior: Denoiser, *iterations: int) -> Iterator[np.ndarray]:
-        for error in _prediction_errors(model.reduce(part), y, seen, noise, prior, *iterations):
-            yield error[hidden].astype(np.float64) ** 2 - expected
+    def __call__(
+        self, simple: SceneModel, other: SceneModel, make: Make, looks: dict[int, IsFine], doubt: float = 0
+    ) -> bool:
+        """Whether the simple model predicts well enough, on the tile where it is worst off, at each of the looks.
 
-    enough = patience(op)
-    of_simple = next(squares(simple, denoiser, enough))
-    # below 0 all is noise, and tells nothing; the other model only gets better after the early look
-    if not all(o.mean() > 0 and is_fine(of_simple, o) for o in squares(other, denoiser, EARLY, enough)):
-        return False
-    if careful is None:
-        return True
-    make, looks = careful
-    after = [round(part * enough) for part in looks]
-    pairs = zip(looks.values(), squares(simple, make(), *after), squares(other, make(), *after))
-    return all(is_fine(s, o) for is_fine, s, o in pairs)
+        A look is a number of iterations, and what has to hold after it.
+        """
+        crop = _contested_tile(*(self._first_errors(model, make) for model in (simple, other)))
+        op, y = self.problem.op, self.problem.y[crop]
+        hidden, seen = self.hidden[crop], self.seen[crop]
+        if not hidden.any():
+            return False
+        part = SensingOperator(op.masks[(..., *crop)], op.dtype)
+        expected = self.problem.typical_noise**2 * (1 + doubt)
+
+        def squares(model: SceneModel) -> Iterator[np.ndarray]:
+            for error in _prediction_errors(model.reduce(part), y, seen, self.problem.typical_noise, make(), *looks):
+                yield error[hidden].astype(np.float64) ** 2 - expected
+
+        return all(is_fine(s, o) for is_fine, s, o in zip(looks.values(), squares(simple), squares(other)))
+
+    def _first_errors(self, model: SceneModel, make: Make) -> np.ndarray:
+        """The squared errors (H, W) of early estimates of all that is held back, 0 elsewhere."""
+        if model not in self._first:
+            op, y, noise = model.reduce(self.problem.op), self.problem.y, self.problem.typical_noise
+            error = next(_prediction_errors(op, y, self.seen, noise, make(), LOOK))
+            self._first[model] = self.hidden * error**2
+        return self._first[model]
 
 
 def _at_most(share: float, simple: np.ndarray, other: np.ndarray) -> bool:
-    """Whether the squared errors of the simple model are such a share of the other's."""
-    return bool(simple.mean() <= share * other.mean())
+    """Whether the squared errors of the simple model are such a share of the other's, which are no mere noise."""
+    return bool(0 < other.mean() >= simple.mean() / share)
 
 
 def _beyond_chance(simple: np.ndarray, other: np.ndarray) -> bool:

@@ -94,7 +94,7 @@ def test_better_than_non_local_means_and_total_variation(sigma):
 
 
 def test_the_signal_is_that_of_the_last_call():
-    """The first call thresholds and then filters; the others filter more, by new groups in every eighth call."""
+    """The first call thresholds and then filters; the others filter more, by new groups in every fifteenth call."""
     seen = noisy(picture(), 0.1)[None, None]
     denoise = BM3D(first=0)
     signal = filtered(seen[0], 0.1, groups(seen[0]))

@@ -10,6 +10,7 @@ import numpy as np
 import torch
 
 from pnp_sci.errors import InputError
+from pnp_sci.inference import mixed_precision
 from pnp_sci.masks import moving_masks
 from pnp_sci.training.clips import Clip
 from pnp_sci.training.loop import Place, Progress
@@ -86,7 +87,7 @@ class Reconstruction(Stage):
         start = int(np.random.default_rng([self.seed, place.rank, step]).integers(config.frames - count + 1))
         passes = int(np.random.default_rng([self.seed, step]).integers(1, config.passes + 1))  # in all processes
         window = slice(start, start + count)
-        with torch.autocast(place.device.type, torch.bfloat16):
+        with mixed_precision(place.device):
             first, refined = model(made.y, made.masks, window=window, passes=passes)
         coarse = (first.float() - made.truth).square().mean()
         if config.refine == "none":
@@ -104,7 +105,7 @@ class Reconstruction(Stage):
         coded = torch.from_numpy(masks).to(place.device)
         clips = [c.frames[: config.frames] for c in self.validation if len(c.frames) >= config.frames]
         clips = [c[:, : c.shape[1] // 2 * 2, : c.shape[2] // 2 * 2] for c in clips if min(c.shape[1:]) >= SIZE]
-        with torch.inference_mode(), torch.autocast(place.device.type, torch.bfloat16):
+        with torch.inference_mode(), mixed_precision(place.device):
             for n in range(place.rank, len(clips), place.world):
                 views = [centre(clips[(n + v) % len(clips)]) for v in range(config.views)]
                 truth = torch.from_numpy(np.stack(views)).to(place.device).float() / 255
@@ -133,7 +134,7 @@ class Flow(Stage):
     def loss(self, model: torch.nn.Module, place: Place, step: int) -> torch.Tensor:
         """End-point error over the scales, in pixels."""
         first, second, truth = self._pairs(self.scenes, 1 + step, place)
-        with torch.autocast(place.device.type, torch.bfloat16):
+        with mixed_precision(place.device):
             flows = model(first, second)
         return pyramid_loss(flows, truth)
 
@@ -142,7 +143,7 @@ class Flow(Stage):
         if self.held_out is None:
             return torch.zeros(3, dtype=torch.float64)
         first, second, truth = self._pairs(self.held_out, 0, place)
-        with torch.inference_mode(), torch.autocast(place.device.type, torch.bfloat16):
+        with torch.inference_mode(), mixed_precision(place.device):
             flow = enlarged(network(first, second)[-1], 2)
         errors = [end_point_error(flow, truth), end_point_error(torch.zeros_like(truth), truth)]
         return torch.tensor([*(e.item() for e in errors), 1], dtype=torch.float64)

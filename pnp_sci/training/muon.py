@@ -8,6 +8,8 @@ from collections.abc import Iterable
 
 import torch
 
+from ..inference import half_precision
+
 NEWTON_SCHULZ = (3.4445, -4.7750, 2.0315)  # coefficients of Jordan et al.: singular values to about 0.7..1.2
 ROUNDS = 5
 MOMENTUM = 0.95
@@ -48,8 +50,8 @@ class Muon(torch.optim.Optimizer):
 
 
 def orthogonal(matrices: torch.Tensor) -> torch.Tensor:
-    """About U V^T of each matrix U S V^T (N, rows, columns), by Newton-Schulz iterations in bfloat16."""
-    x = matrices.bfloat16()
+    """About U V^T of each matrix U S V^T (N, rows, columns), by Newton-Schulz iterations, in bfloat16 if quick."""
+    x = matrices.bfloat16() if half_precision(matrices.device) else matrices.float()
     tall = x.shape[1] > x.shape[2]
     x = x.mT if tall else x
     x = x / x.norm(dim=(1, 2), keepdim=True).clamp(min=1e-7)

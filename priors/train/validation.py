@@ -7,6 +7,7 @@ from collections.abc import Callable, Sequence
 import numpy as np
 import torch
 
+from pnp_sci.inference import mixed_precision
 from pnp_sci.training.clips import Clip
 
 Prepare = Callable[[np.ndarray, np.ndarray], tuple[np.ndarray, np.ndarray]]
@@ -18,7 +19,7 @@ FRAMES, SIZE = 10, 256  # first frames and central square of every clip
 def denoised(network: torch.nn.Module, frames: np.ndarray, level: np.ndarray, device: torch.device) -> torch.Tensor:
     """`frames` (V, B, H, W) without the noise that the network finds; its `level` (V, B, H, W) is known."""
     x, sigma = (torch.from_numpy(a).to(device).flatten(0, 1) for a in (frames, level))
-    with torch.autocast(device.type, torch.bfloat16):
+    with mixed_precision(device):
         return (x - network(x, sigma)).unflatten(0, frames.shape[:2])
 
 
