@@ -161,13 +161,13 @@ class _Comparison:
 
 def _at_most(share: float, simple: np.ndarray, other: np.ndarray) -> bool:
     """Whether the squared errors of the simple model are such a share of the other's, which are no mere noise."""
-    return bool(0 < other.mean() >= simple.mean() / share)
+    return bool(other.mean() > 0 and simple.mean() <= share * other.mean())
 
 
 def _beyond_chance(simple: np.ndarray, other: np.ndarray) -> bool:
-    """Whether the simple model predicts so much better that chance would hardly have it so."""
+    """Whether the simple model predicts better, beyond chance, where the errors of the other are no mere noise."""
     gain = other - simple
-    return bool(gain.mean() >= SURELY * gain.std() / np.sqrt(gain.size) > 0)
+    return bool(other.mean() > 0 and gain.mean() >= SURELY * gain.std() / np.sqrt(gain.size) > 0)
 
 
 def _prediction_errors(

@@ -97,7 +97,8 @@ def test_something_small_and_faint_that_moves_is_not_frozen(prior):
     for b in range(10):
         truth[0, b, 40:48, 30 + 3 * b : 38 + 3 * b] += 0.2
     masks = pnp_sci.random_masks(truth.shape, seed=1)
-    assert not solve(pnp_sci.simulate(truth, masks), masks, prior, iterations=1).scene["still"]
+    found = solve(pnp_sci.simulate(truth, masks), masks, prior, iterations=1).scene["still"]
+    assert found in (False, (False, True)), "the second view does stand still"
 
 
 def test_a_view_that_stands_still_beside_a_moving_one(scene, still):
@@ -129,9 +130,10 @@ def test_a_gain_beyond_chance_is_its_standard_error():
     noise = np.random.default_rng(0).standard_normal(1000)
     noise -= noise.mean()
     error = noise.std() / np.sqrt(1000)
-    assert _beyond_chance(np.zeros(1000), noise + 1.1 * error)
-    assert not _beyond_chance(np.zeros(1000), noise + 0.9 * error)
+    assert _beyond_chance(np.ones(1000), 1 + noise + 1.1 * error)
+    assert not _beyond_chance(np.ones(1000), 1 + noise + 0.9 * error)
     assert not _beyond_chance(np.ones(1000), np.ones(1000)), "no gain at all"
+    assert not _beyond_chance(-np.ones(1000), noise - 0.1), "all noise"
 
 
 def test_one_answer_or_one_for_each_view():
@@ -202,7 +204,7 @@ def test_a_view_that_is_not_dropped_stays_in_the_still_model(monkeypatch, scene)
     """A dim second view passes for dark by its level; if y says otherwise it must not vanish by the back door."""
     truth = scene.truth * np.array([1, 0.01], np.float32)[:, None, None, None]
     y = pnp_sci.simulate(truth, scene.masks)
-    monkeypatch.setattr("pnp_sci.judge._predicts_better", lambda *arguments: arguments[1].nothing_moves)
+    monkeypatch.setattr("pnp_sci.judge._Comparison.__call__", lambda _, simple, *rest: simple.nothing_moves)
     assert solve(y, scene.masks, iterations=1).scene["views"] == (True, True)
 
 
