@@ -7,9 +7,8 @@ before they write, so that LLVM makes vectors of eight.
 import numba
 import numpy as np
 
+from pnp_sci._eight import add_row, copy_row, transpose
 from pnp_sci._jit import FASTMATH, kernel, loop
-
-from ._eight import add_row, copy_row, transpose
 
 SIDE = 8  # pixels of a patch, along either axis, and patches of a group
 SQUARE, CUBE = SIDE**2, SIDE**3

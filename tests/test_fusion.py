@@ -2,6 +2,7 @@
 
 import copy
 
+import numba
 import pytest
 
 torch = pytest.importorskip("torch")
@@ -121,3 +122,60 @@ def test_what_oneDNN_does_not_know_stays(other):
     layers = nn.Sequential(nn.Conv2d(2, 2, 3, **other))
     fusion.fuse(layers, torch.float32)
     assert not fused_layers(layers)
+
+
+@pytest.mark.parametrize(
+    ("channels", "size"),
+    [((32, 32), (64, 64)), ((33, 24), (37, 130)), ((40, 40), (6, 15)), ((32, 56), (1, 1)), ((64, 16), (5, 2))],
+    ids=str,
+)
+@pytest.mark.parametrize("rectifier", [None, nn.ReLU(), nn.LeakyReLU(0.1)], ids=str)
+def test_a_convolution_by_fewer_products_is_the_same(channels, size, rectifier):
+    """Winograd's against torch's in double precision, with a bias where something rectifies, else with a sum."""
+    torch.manual_seed(0)
+    layer = nn.Conv2d(*channels, 3, padding=1, bias=rectifier is not None)
+    x, added = torch.randn(2, channels[0], *size), torch.randn(2, channels[1], *size)
+    with torch.inference_mode():
+        expected = layer.double()(x.double())
+        expected = rectifier(expected) if rectifier else expected + added.double()
+        few, given = fusion.Winograd(layer.float(), rectifier, torch.float32), (x,) if rectifier else (x, added)
+        result = few(*given)
+        torch.testing.assert_close(result.double(), expected, rtol=1e-5, atol=3e-5)
+        assert torch.equal(few(*(torch.cat([a, a[:1]]) for a in given))[:2], result), "frames do not mix"
+        threads = numba.get_num_threads()
+        numba.set_num_threads(1)
+        try:
+            assert torch.equal(few(*given), result), "threads do not count"
+        finally:
+            numba.set_num_threads(threads)
+
+
+def test_which_convolutions_take_fewer_products(monkeypatch):
+    """On a processor with vectors of eight, in single precision, wide ones of 3 x 3 pixels without a stride."""
+    wide = nn.Conv2d(32, 40, 3, padding=1)
+    others = [
+        nn.Conv2d(16, 40, 3, padding=1), nn.Conv2d(32, 20, 3, padding=1), nn.Conv2d(32, 8, 3, padding=1),
+        nn.Conv2d(32, 40, 5, padding=1), nn.Conv2d(32, 40, 3), nn.Conv2d(32, 40, 3, padding=1, stride=2),
+        nn.Conv2d(32, 64, 3, padding=1, groups=2), nn.Conv2d(32, 40, 3, padding=1, dilation=2),
+    ]  # fmt: skip
+    monkeypatch.setattr(torch.backends.cpu, "get_cpu_capability", lambda: "AVX2")
+    assert fusion.Winograd.serves(wide, torch.float32)
+    assert not fusion.Winograd.serves(wide, torch.bfloat16)
+    assert not any(fusion.Winograd.serves(layer, torch.float32) for layer in others)
+    monkeypatch.setattr(torch.backends.cpu, "get_cpu_capability", lambda: "AVX512")
+    assert not fusion.Winograd.serves(wide, torch.float32)
+
+
+def test_a_residual_unit_ends_with_fewer_products(monkeypatch):
+    if not fusion._can_fuse(torch.float32):
+        pytest.skip("this torch fuses nothing")
+    monkeypatch.setattr(torch.backends.cpu, "get_cpu_capability", lambda: "AVX2")
+    torch.manual_seed(0)
+    body = nn.Sequential(nn.Conv2d(32, 32, 3, padding=1), nn.ReLU(inplace=True), nn.Conv2d(32, 32, 3, padding=1))
+    apart = fusion.Residual(body)
+    few = copy.deepcopy(apart)
+    fusion.fuse(few, torch.float32)
+    assert [type(layer) for layer in fused_layers(few)] == [fusion.Winograd] * 2
+    x = torch.randn(3, 32, 20, 22)
+    with torch.inference_mode():
+        torch.testing.assert_close(few(x), apart(x), rtol=1e-5, atol=3e-5)
