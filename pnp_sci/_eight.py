@@ -1,4 +1,7 @@
-"""Eight float32 in a row as one vector, where LLVM makes none by itself: rows that lie anywhere, squares, products."""
+"""Eight float32 in a row as one vector, where LLVM makes none by itself: rows that lie anywhere, squares, products.
+
+Numba's files of compiled kernels do not notice a change in here: delete ``__pycache__/*.nb?`` after one.
+"""
 
 from typing import Any
 
@@ -12,8 +15,8 @@ LINES = 4  # of a product: its eight or twelve sums, and what they are made of, 
 
 
 def _value(context, builder, kind, array, at):
-    """Where a value of an array is."""
-    assert kind.dtype == types.float32, kind
+    """Where a value of a flat array is."""
+    assert (kind.dtype, kind.ndim, kind.layout) == (types.float32, 1, "C"), kind
     return builder.gep(context.make_array(kind)(context, builder, array).data, [at])
 
 

@@ -18,6 +18,7 @@ TILES = 16  # of a job at most
 COLUMNS = 8  # the number of channels that come out is a multiple of this, and 16 or more
 # a filter's transform along an axis
 FILTER = np.array([[6, 0, 0], [-4, -4, -4], [-4, 4, -4], [1, 2, 4], [1, -2, 4], [0, 0, 24]]) / 24
+TWO, FOUR, FIVE, EIGHT = (np.float32(n) for n in (2, 4, 5, 8))  # with whole numbers numba would reckon in float64
 
 
 def spectra(weight: np.ndarray) -> np.ndarray:
@@ -31,9 +32,9 @@ def _transform(a, b, c, d, e, f, out):
     """out (6, N) <- the transform of six rows, of N values or more."""
     p, q, r, s, t, u = out[0], out[1], out[2], out[3], out[4], out[5]
     for k in range(p.size):
-        even, odd = e[k] - 4 * c[k], d[k] - 4 * b[k]
-        near, twice = e[k] - c[k], 2 * (d[k] - b[k])
-        p[k], u[k] = 4 * a[k] - 5 * c[k] + e[k], 4 * b[k] - 5 * d[k] + f[k]
+        even, odd = e[k] - FOUR * c[k], d[k] - FOUR * b[k]
+        near, twice = e[k] - c[k], TWO * (d[k] - b[k])
+        p[k], u[k] = FOUR * a[k] - FIVE * c[k] + e[k], FOUR * b[k] - FIVE * d[k] + f[k]
         q[k], r[k], s[k], t[k] = even + odd, even - odd, near + twice, near - twice
 
 
@@ -44,8 +45,8 @@ def _result(v, out):
     p, q, r, s = out[0], out[1], out[2], out[3]
     for k in range(p.size):
         sum_near, near, sum_far, far = b[k] + c[k], b[k] - c[k], d[k] + e[k], d[k] - e[k]
-        p[k], q[k] = a[k] + sum_near + sum_far, near + 2 * far
-        r[k], s[k] = sum_near + 4 * sum_far, near + 8 * far + f[k]
+        p[k], q[k] = a[k] + sum_near + sum_far, near + TWO * far
+        r[k], s[k] = sum_near + FOUR * sum_far, near + EIGHT * far + f[k]
 
 
 @loop
@@ -63,7 +64,7 @@ def _fetch(line, left, apart):
 
 @loop
 def _put(apart, bias, slope, added, line):
-    """line (W, K) <- its pixels, put apart, with a bias, rectified, and with what is added (W, K), if anything."""
+    """line (W, K) <- pixels that lie apart, with a bias, rectified, and with what is added (W, K), if anything."""
     for j in range(len(line)):
         given, pixel = apart[j % OUT, j // OUT], line[j]
         for k in range(pixel.size):

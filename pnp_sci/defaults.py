@@ -29,6 +29,7 @@ AUTO_UNLEARNED = {"fast": "tv", "balanced": "flow", "best": "flow"}  # where PyT
 # Options of `flow` with which the judge's limits were chosen. Neither prior may find by itself what stands still: the
 # models to be compared would be alike.
 JUDGED_WITH = {"neighbours": 2, "tolerance": 3.0, "still": False}
+SMALLEST = 32  # pixels a side: `flow` leaves smaller pictures to TV, and could not tell what moves
 QUICK = ("tv", "wavelet", "none")  # priors that make no more of a scene than its judge does
 
 
@@ -61,7 +62,8 @@ def choose_scene(scene: str | SceneModel, problem: Problem, prior: Any = None) -
     if scene == "full" or "tv" not in registry.available("priors"):
         return full(problem.op)
     tv = partial(registry.load("priors", "tv"), still=False)
-    if prior in QUICK or "flow" not in registry.available("priors"):
+    small = min(problem.op.shape[2:]) < SMALLEST
+    if prior in QUICK or small or "flow" not in registry.available("priors"):
         return judge(problem, tv)
     flow = partial(registry.load("priors", "flow"), first=patience(problem.op) // 2, **JUDGED_WITH)
     return judge(problem, tv, flow, each_view=prior is not None)

@@ -68,8 +68,10 @@ class Winograd(Fused):
 
     def __init__(self, layer: nn.Conv2d, rectifier: nn.Module | None, dtype: torch.dtype):
         super().__init__(layer, rectifier, dtype)
+        assert layer.out_channels % winograd.COLUMNS == 0 <= layer.out_channels - 16, layer
         self.register_buffer("spectra", torch.from_numpy(winograd.spectra(self.weight.numpy())))
-        self.register_buffer("shift", torch.zeros(layer.out_channels) if self.bias is None else self.bias)
+        none = torch.zeros(layer.out_channels, dtype=torch.float32)
+        self.register_buffer("shift", none if self.bias is None else self.bias)
         kind, slopes, _ = self.rectifier
         self.slope = {"none": 1.0, "relu": 0.0, "leaky_relu": sum(slopes)}[kind]
 
@@ -83,8 +85,9 @@ class Winograd(Fused):
 
     def forward(self, x: torch.Tensor, added: torch.Tensor | None = None) -> torch.Tensor:
         """(N, C, H, W), and what is to be added to the result, of its shape -> the result."""
+        assert added is None or self.rectifier[0] == "none", "a sum is not rectified"
         lines = _lines(x)
-        out = np.empty((*lines.shape[:3], self.weight.shape[0]), np.float32)
+        out = np.empty((*lines.shape[:3], self.shift.shape[0]), np.float32)
         more = out[:0] if added is None else _lines(added)
         winograd.convolve(lines, self.spectra.numpy(), self.shift.numpy(), np.float32(self.slope), more, out)
         return torch.from_numpy(out).permute(0, 3, 1, 2)
@@ -92,7 +95,7 @@ class Winograd(Fused):
 
 def _lines(x: torch.Tensor) -> np.ndarray:
     """(N, C, H, W) -> (N, H, W, C), float32; copied if channels do not come last in memory."""
-    return np.ascontiguousarray(x.float().permute(0, 2, 3, 1).numpy())
+    return np.ascontiguousarray(x.detach().float().permute(0, 2, 3, 1).numpy())
 
 
 def fuse(network: nn.Module, dtype: torch.dtype) -> None:

@@ -43,7 +43,7 @@ IsFine = Callable[[np.ndarray, np.ndarray], bool]
 
 
 def patience(op: SensingOperator) -> int:
-    """Iterations of the quick estimates: three for each frame of all views, but 60 at least."""
+    """Iterations of quick estimates: three for each frame of all views, 60 at least. Careful ones begin with half."""
     return max(LEAST, PER_FRAME * op.shape[0] * op.shape[1])
 
 
@@ -53,7 +53,7 @@ def judge(problem: Problem, quick: Make, careful: Make | None = None, each_view:
     Simpler models are tried against the full one: without the views whose level is near 0, and with one frame per view.
     A tenth of the pixels of y is held back, both models are estimated quickly from the rest, and where the simple one
     is worst off beside the other they are compared with more care: it is taken if it predicts what was held back
-    clearly better there too, or with a `careful` denoiser hardly worse.
+    clearly better there too, or with a `careful` denoiser not much worse.
 
     Parameters
     ----------
@@ -61,8 +61,8 @@ def judge(problem: Problem, quick: Make, careful: Make | None = None, each_view:
     quick : callable
         Makes a denoiser for quick estimates, such as TV.
     careful : callable, optional
-        Makes a better one, such as flow, for solvers whose prior is better than the quick one too; half of
-        :func:`patience` calls it leaves to the quick one. Where masks are sparse, frames many or pictures small, a
+        Makes a better one, such as flow, for solvers whose prior is better than the quick one too. Its first calls,
+        half of :func:`patience`, are those of the quick one. Where masks are sparse, frames many or pictures small, a
         still model is as good as what TV makes of a moving scene, but not as good as what flow makes of it.
     each_view : bool
         Whether single views that stand still beside others are looked for, with the careful denoiser. All models share

@@ -1,7 +1,7 @@
 """Groups of alike patches: finding them in a frame, filtering them together, and putting the frame together again.
 
 A group is a cube, flat: patch after patch, row after row. Loops over it are of constant length and read what they need
-before they write, so that LLVM makes vectors of eight.
+before they write, so that LLVM makes vectors of eight; where it does not, :mod:`pnp_sci._eight` does.
 """
 
 import numba
@@ -32,9 +32,8 @@ def _cells(frame, top, there, shift, squares, cells):
     """cells[c] <- the squared differences of STEP x STEP pixels from those `there` and `shift` beyond; else inf."""
     low, high = max(0, -shift), min(squares.size, squares.size - shift)
     a, b, c, d = frame[top, low:], frame[top + 1, low:], frame[top + 2, low:], frame[top + 3, low:]
-    low += shift
-    p, q, r, t = frame[there, low:], frame[there + 1, low:], frame[there + 2, low:], frame[there + 3, low:]
-    low -= shift
+    at = low + shift
+    p, q, r, t = frame[there, at:], frame[there + 1, at:], frame[there + 2, at:], frame[there + 3, at:]
     s = squares[low:high]
     for j in range(s.size):
         s[j] = (a[j] - p[j]) ** 2 + (b[j] - q[j]) ** 2 + (c[j] - r[j]) ** 2 + (d[j] - t[j]) ** 2

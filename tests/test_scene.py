@@ -64,6 +64,18 @@ def test_flow_contradicts_where_tv_makes_too_little_of_a_moving_scene(monkeypatc
     assert solve(y, masks, "flow", iterations=1).scene["still"], "but for what flow says"
 
 
+@pytest.mark.parametrize("side", [24, 31])
+def test_a_picture_too_small_for_flow_is_judged_as_strictly_as_by_tv(side):
+    """`flow` would leave the full model to TV: nothing could contradict."""
+    whole = datasets.embedded_scene(64).truth
+    for top, left in ((0, 0), (12, 20), (30, 8), (33, 33)):
+        truth = whole[:, :, top : top + side, left : left + side]
+        masks = pnp_sci.random_masks(truth.shape, seed=1)
+        y = pnp_sci.simulate(truth, masks)
+        by_flow, by_tv = (solve(y, masks, prior, iterations=1).scene["still"] for prior in ("flow", "tv"))
+        assert by_flow == by_tv
+
+
 def test_flow_may_find_a_still_scene_that_tv_leaves_open(monkeypatch, scene, still):
     y = pnp_sci.simulate(still, scene.masks)
     monkeypatch.setattr("pnp_sci.judge.CLEARLY", 0.0)
