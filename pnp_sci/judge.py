@@ -71,20 +71,21 @@ def judge(problem: Problem, quick: Make, careful: Make | None = None, each_view:
     op = problem.op
     predicts_better = _Comparison(problem)
     chosen = full(op, "every view and frame is needed")
-    plain = {EARLY: partial(_at_most, PERHAPS), patience(op): partial(_at_most, CLEARLY)}
+    clearly = {patience(op): partial(_at_most, CLEARLY)}
     levels = view_levels(op, problem.y)
     lit = tuple(bool(v) for v in levels > DARK * levels.max())
     if not all(lit) and any(lit):
         dark = ", ".join(str(v + 1) for v, on in enumerate(lit) if not on)
         without = SceneModel(lit, False, f"view {dark} is dark: y is explained without it")
-        if predicts_better(without, chosen, quick, plain):
+        if predicts_better(without, chosen, quick, clearly):
             chosen = without
     if op.shape[1] == 1:
         return chosen
     so_far = "" if chosen.complete else chosen.reason + "; "
     still = SceneModel(chosen.views, True, so_far + "nothing moves: one frame per view explains y")
     if careful is None:
-        return still if predicts_better(still, chosen, quick, plain) else chosen
+        looks = {EARLY: partial(_at_most, PERHAPS)} | clearly
+        return still if predicts_better(still, chosen, quick, looks) else chosen
     half, calls = patience(op) // 2, [round(part * patience(op)) for part in CALLS]
     by_tv = dict.fromkeys((EARLY, half), partial(_at_most, PERHAPS))
     by_flow = {half + n: partial(_at_most, CAREFULLY) for n in calls}
