@@ -120,7 +120,7 @@ def view_levels(op: SensingOperator, y: np.ndarray) -> np.ndarray:
 
 
 class _Comparison:
-    """Models of a scene, compared by how they predict pixels of y that are held back; saturated ones are neither."""
+    """Models of a scene, compared by how they predict pixels of y that are held back; saturated ones are left out."""
 
     def __init__(self, problem: Problem):
         self.problem = problem
