@@ -6,7 +6,7 @@ import itertools
 import json
 import sys
 import time
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from functools import cache
 from importlib.util import find_spec
@@ -26,6 +26,7 @@ CLASSICAL = ("tv", "wavelet", "bm3d", "flow", "none")
 USUAL = {"init": "auto", "algorithm": "gap", "effort": "balanced"}  # of `solve`, left out of a recommendation
 PLAIN = {"prior", "init", "iterations"}
 OF_ANY_SIZE = ("auto", "adjoint")  # first estimates
+WORTH = 0.25  # of a time budget: what loading PyTorch may take of it, so that networks are thought of at all
 
 
 @dataclass(frozen=True)
@@ -83,7 +84,8 @@ def recommend(
     Returns
     -------
     Recommendation
-        Its ``arguments`` go to :func:`pnp_sci.solve`. Seconds are scaled to this machine by timing a few iterations.
+        Its ``arguments`` go to :func:`pnp_sci.solve`. Seconds are scaled to this machine by timing a few iterations,
+        those of networks by timing a few convolutions.
 
     Raises
     ------
@@ -111,17 +113,19 @@ def recommend(
 
 
 def prior_within(budget_seconds: float, shape: Sequence[int]) -> str:
-    """The prior that has the best estimate by then from the first estimate it gets, "tv" if none has any."""
+    """The prior that has the best estimate by then from the first estimate it gets, "tv" if none has any.
+
+    What it takes to find that out counts, too.
+    """
     begin = time.perf_counter()
-    calibrate()
-    budget_seconds -= time.perf_counter() - begin
     options = [
         option
-        for option in _options(str(MEASURED), shape, loading=True)
+        for option in _options(str(MEASURED), shape, loading=True, within=budget_seconds)
         if option.arguments.keys() <= PLAIN
         and option.arguments.get("init", "auto") in OF_ANY_SIZE
         and option.arguments["prior"] != "auto"  # which is to be found out
     ]
+    budget_seconds -= time.perf_counter() - begin
     within = [option for option in options if option.seconds <= budget_seconds]
     return max(within, key=lambda option: option.psnr).arguments["prior"] if within else "tv"
 
@@ -135,18 +139,20 @@ class Moment:
     psnr: float
 
 
-def course(rows: Sequence[dict[str, Any]], scales: Iterable[float]) -> list[Moment]:
-    """The curve of one method over its cases, times each case's scale; a run that has stopped stays what it is."""
-    moments, scales = [], list(scales)
+def course(rows: Sequence[dict[str, Any]]) -> list[Moment]:
+    """The curve of one method over its cases; a run that has stopped stays what it is."""
+    moments = []
     for iteration in sorted({point["iteration"] for row in rows for point in row["course"]}):
         reached = [[p for p in row["course"] if p["iteration"] <= iteration][-1] for row in rows]
-        seconds = float(np.mean([p["seconds"] * scale for p, scale in zip(reached, scales)]))
-        moments.append(Moment(iteration, seconds, float(np.mean([p["psnr"] for p in reached]))))
+        seconds, psnr = (float(np.mean([p[key] for p in reached])) for key in ("seconds", "psnr"))
+        moments.append(Moment(iteration, seconds, psnr))
     return moments
 
 
-def _options(results: str, like: str | Sequence[int], loading: bool) -> Iterator[Recommendation]:
-    """Every method at every checkpoint, on this machine."""
+def _options(
+    results: str, like: str | Sequence[int], loading: bool, within: float = np.inf
+) -> Iterator[Recommendation]:
+    """Every method at every checkpoint, on this machine; no networks if loading takes too much of the seconds given."""
     rows = [row for row in _read(results) if _is_like(row, like) and _serves(row, like)]
     key = lambda row: json.dumps(row["method"])  # noqa: E731
     groups = [list(group) for _, group in itertools.groupby(sorted(rows, key=key), key)]
@@ -155,13 +161,13 @@ def _options(results: str, like: str | Sequence[int], loading: bool) -> Iterator
     for group in groups:
         if len(group) < most:  # a mean over other cases does not compare
             continue
-        if _is_learned(group[0]["method"]) and not networks:
-            continue
         method, cases = group[0]["method"], tuple(row["case"]["scene"] for row in group)
-        speeds = np.array([calibrate() / row["machine"]["calibration"] for row in group])
-        sizes = 1.0 if isinstance(like, str) else np.prod(like) / np.array([np.prod(row["shape"]) for row in group])
-        wait = float(np.mean(speeds * [row["loading"] for row in group])) if loading and _must_load(method) else 0.0
-        for moment in course(group, speeds * sizes):
+        wait = 0.0
+        if loading and _must_load(method):
+            wait = float(np.mean([_slower(row) * row["loading"] for row in group]))
+        if _is_learned(method) and (not networks or wait > WORTH * within):
+            continue
+        for moment in course([_here(row, like) for row in group]):
             if method["prior"] is None:
                 arguments = {"model": method["init"]}
             else:
@@ -172,10 +178,32 @@ def _options(results: str, like: str | Sequence[int], loading: bool) -> Iterator
                 yield Recommendation(arguments, moment.seconds + wait, moment.psnr, cases)
 
 
+def _here(row: dict[str, Any], like: str | Sequence[int]) -> dict[str, Any]:
+    """The row with the seconds that it would have on this machine, and for videos of that size if `like` is one."""
+    size = 1.0 if isinstance(like, str) else float(np.prod(like) / np.prod(row["shape"]))
+    first = size * _slower(row, networks=_init(row) not in OF_ANY_SIZE)
+    then = size * _slower(row, networks=row["method"]["prior"] not in CLASSICAL)
+    start = row["course"][0]["seconds"]
+    points = [point | {"seconds": start * first + (point["seconds"] - start) * then} for point in row["course"]]
+    return row | {"course": points}
+
+
+def _slower(row: dict[str, Any], networks: bool = False) -> float:
+    """How many times as long things take on this machine as where a row was measured."""
+    there = row["machine"]
+    if networks and there.get("networks"):
+        return calibrate_networks() / there["networks"]
+    return calibrate() / there["calibration"]
+
+
+def _init(row: dict[str, Any]) -> str:
+    """The first estimate it was."""
+    return row["settings"].get("init", row["method"]["init"])
+
+
 def _serves(row: dict[str, Any], like: str | Sequence[int]) -> bool:
     """Whether videos of this size can be had so: a network is for as many views and frames as it was measured with."""
-    init = row["settings"].get("init", row["method"]["init"])
-    return isinstance(like, str) or init == "adjoint" or row["shape"][:2] == list(like[:2])
+    return isinstance(like, str) or _init(row) == "adjoint" or row["shape"][:2] == list(like[:2])
 
 
 def _must_load(method: dict[str, Any]) -> bool:
@@ -223,3 +251,29 @@ def calibrate() -> float:
 
     lap()  # compiles
     return min(lap() for _ in range(20))
+
+
+@cache
+def calibrate_networks() -> float:
+    """Seconds that two convolutions of 32 channels take here on four frames of 128 x 128, the least of ten.
+
+    Beside TV, networks take a third of the time where there is arithmetic in half precision. Needs PyTorch.
+    """
+    import torch
+
+    from .inference import ready, running
+
+    place = torch.device("cpu")
+    with torch.random.fork_rng(devices=[]):  # whoever draws from torch's generator sees no difference
+        layers = [torch.nn.Conv2d(32, 32, 3, padding=1), torch.nn.ReLU(), torch.nn.Conv2d(32, 32, 3, padding=1)]
+    network, x = ready(torch.nn.Sequential(*layers), place), torch.ones(4, 32, 128, 128)
+    x = x.contiguous(memory_format=torch.channels_last)
+
+    def lap() -> float:
+        begin = time.perf_counter()
+        network(x)
+        return time.perf_counter() - begin
+
+    with running(place):
+        lap()  # compiles
+        return min(lap() for _ in range(10))

@@ -50,6 +50,22 @@ def test_seconds_grow_with_the_size_and_with_the_machine(results):
     assert pnp_sci.recommend(99, results=slower).seconds == pytest.approx(whole.seconds / 4)
 
 
+def test_networks_have_a_speed_of_their_own(results, monkeypatch):
+    rows = json.loads(results.read_text())["rows"]
+    for row in rows:
+        row["machine"]["networks"] = 1.0
+        row["course"][0]["seconds"] = 0.1
+        row["settings"]["init"] = "net" if row["method"]["init"] == "net" else "adjoint"
+    theirs = results.with_name("theirs.json")
+    theirs.write_text(json.dumps({"rows": rows}))
+    monkeypatch.setattr(budget, "calibrate_networks", lambda: 3.0)
+    assert pnp_sci.recommend(0.31, results=theirs).seconds == pytest.approx(0.3)  # the network alone, 0.1 s there
+    before, after = (pnp_sci.recommend(99, results=path).seconds for path in (results, theirs))
+    assert after == pytest.approx(0.1 + 3 * (before - 0.1))  # the first estimate is no network's
+    monkeypatch.setattr(budget, "CLASSICAL", ("quick", "slow"))
+    assert pnp_sci.recommend(99, results=theirs).seconds == pytest.approx(before)
+
+
 def test_what_a_process_must_load_first_counts_if_asked_for(results, monkeypatch):
     monkeypatch.delitem(sys.modules, "torch", raising=False)
     free = pnp_sci.recommend(99, results=results)
@@ -78,6 +94,25 @@ def test_the_measurements_of_the_package(monkeypatch):
     assert little.psnr < much.psnr - 1
     single = pnp_sci.recommend(1e4, "singleview")
     assert set(single.cases) <= {"runner", "traffic", "kobe", "drop"}
+
+
+def test_networks_are_loaded_only_if_that_takes_little_of_the_budget(monkeypatch, tmp_path):
+    rows = json.loads(budget.MEASURED.read_text())["rows"]
+    for row in rows:
+        row["machine"] |= {"calibration": 0.01, "networks": 0.01}
+    monkeypatch.setattr(budget, "MEASURED", tmp_path / "measured.json")
+    budget.MEASURED.write_text(json.dumps({"rows": rows}))
+    monkeypatch.setattr(budget, "calibrate", lambda: 0.01)
+    monkeypatch.delitem(sys.modules, "torch", raising=False)
+
+    def load() -> float:
+        raise ImportError("networks are timed")
+
+    monkeypatch.setattr(budget, "calibrate_networks", load)
+    loading = max(row["loading"] for row in rows if row["method"]["prior"] == "video")
+    assert budget.prior_within(2 * loading, (2, 10, 64, 64)) == "flow"
+    with pytest.raises(ImportError, match="timed"):
+        budget.prior_within(9 * loading, (2, 10, 64, 64))
 
 
 def test_auto_with_a_time_budget_takes_the_prior_that_shows_most_by_then(monkeypatch):

@@ -468,9 +468,10 @@ def usual(held_out):
 
 
 def test_refine_net_gains(held_out):
-    """In every other pair: it takes seconds for each."""
+    """In the middle of every other pair: it takes seconds for each."""
     separated, refined = (
-        quality(held_out[::2], lambda shape: moving_masks(shape, seed=11), model) for model in ("ofanet-fast", "ofanet")
+        quality(held_out[::2, ..., 64:192, 64:192], lambda shape: moving_masks(shape, seed=11), model)
+        for model in ("ofanet-fast", "ofanet")
     )
     print(f"ofanet {refined:.2f} dB, ofanet-fast {separated:.2f}")
     assert refined > separated + 0.3
@@ -479,7 +480,7 @@ def test_refine_net_gains(held_out):
 @pytest.mark.parametrize(("views", "frames"), [(1, 8), (2, 6), (2, 14)])
 def test_refine_nets_for_other_numbers_of_frames_gain(held_out, views, frames):
     """Beyond ten frames the clip runs back."""
-    clip = np.concatenate([held_out, held_out[:, :, ::-1]], 2)[:3, :views, :frames, 48:208, 48:208]
+    clip = np.concatenate([held_out, held_out[:, :, ::-1]], 2)[:3, :views, :frames, 64:192, 64:192]
     separated, refined = (
         quality(clip, lambda shape: moving_masks(shape, seed=11), model) for model in ("ofanet-fast", "ofanet")
     )
@@ -522,7 +523,7 @@ def swapped_roles(truth, model):
 
 @pytest.mark.parametrize("model", ["ofanet", "ofanet-fast"])
 def test_views_swap_roles(held_out, model):
-    swapped_roles(held_out[0], model)
+    swapped_roles(held_out[0][..., 64:192, 64:192], model)
 
 
 @pytest.mark.parametrize("model", ["ofanet", "ofanet-fast"])

@@ -6,7 +6,7 @@ import pytest
 import pnp_sci
 from pnp_sci import SceneModel, SensingOperator, datasets, registry, solve
 from pnp_sci.errors import InputError, InputTypeError
-from pnp_sci.judge import CAREFULLY, TILE, _at_most, _beyond_chance, _contested_tile, view_levels
+from pnp_sci.judge import CAREFULLY, SURELY, TILE, _at_most, _beyond_chance, _contested_tile, _evidence, view_levels
 from priors.flow import Flow
 
 
@@ -61,6 +61,7 @@ def test_flow_contradicts_where_tv_makes_too_little_of_a_moving_scene(monkeypatc
     moving, frozen = (solve(y, masks, "flow", scene=model) for model in ("auto", SceneModel((True, True), True)))
     assert psnr(moving, truth) > psnr(frozen, truth)
     monkeypatch.setattr("pnp_sci.judge._at_most", lambda share, *errors: share == CAREFULLY or _at_most(share, *errors))
+    monkeypatch.setattr("pnp_sci.judge._evidence", lambda *given: 0.0)
     assert solve(y, masks, "flow", iterations=1).scene["still"], "but for what flow says"
 
 
@@ -138,12 +139,38 @@ def test_a_still_view_beside_a_moving_one_is_found_by_thorough_priors(scene, sti
         assert isinstance(solve(y, scene.masks, "tv", iterations=1).scene["still"], bool), "tv looks for none"
 
 
+@pytest.mark.parametrize("prior", ["tv", "flow"])
+@pytest.mark.parametrize("brightness", [(1, 0.5), (1, 0.1), (0.1, 1), (1, 0.05)])
+def test_dim_views_that_move_are_neither_frozen_nor_left_out(scene, prior, brightness):
+    truth = scene.truth * np.array(brightness, np.float32)[:, None, None, None]
+    y = pnp_sci.simulate(truth, scene.masks)
+    model = solve(y, scene.masks, prior, iterations=1).scene
+    assert model["frames_modelled"] == model["frames"], model["reason"]
+
+
+def test_evidence_counts_standard_errors_of_what_is_shown():
+    """Like noise where errors have nothing of it, whatever their size from place to place, and of either view."""
+    rng = np.random.default_rng(0)
+    hidden = rng.random((60, 60)) < 0.1
+    chance = []
+    for _ in range(200):
+        shown, errors = rng.standard_normal((2, 60, 60)), rng.standard_normal((60, 60)) * rng.random((60, 60)) ** 3
+        chance.append(_evidence(errors, shown, hidden))
+        assert _evidence(1e6 * errors, 1e-6 * shown, hidden) == pytest.approx(chance[-1])
+        assert _evidence(errors + shown[0], shown, hidden) > 5
+        assert _evidence(errors + shown[1], shown, hidden) > 5
+        assert _evidence(errors - shown[1], shown[1:], hidden) == 0, "the other way round nothing speaks for it"
+    assert 0.2 < np.mean(chance) < 0.9  # of the larger of two normal variables, or 0
+    assert np.mean(np.array(chance) > 2.5) < 0.05
+    assert _evidence(errors, 0 * shown, hidden) == 0
+
+
 def test_a_gain_beyond_chance_is_its_standard_error():
     noise = np.random.default_rng(0).standard_normal(1000)
     noise -= noise.mean()
     error = noise.std() / np.sqrt(1000)
-    assert _beyond_chance(np.ones(1000), 1 + noise + 1.1 * error)
-    assert not _beyond_chance(np.ones(1000), 1 + noise + 0.9 * error)
+    assert _beyond_chance(np.ones(1000), 1 + noise + 1.1 * SURELY * error)
+    assert not _beyond_chance(np.ones(1000), 1 + noise + 0.9 * SURELY * error)
     assert not _beyond_chance(np.ones(1000), np.ones(1000)), "no gain at all"
     assert not _beyond_chance(-np.ones(1000), noise - 0.1), "all noise"
 

@@ -29,7 +29,7 @@ def curves(rows: Sequence[Row]) -> dict[Method, list[Moment]]:
     complete = {method: own for method, own in by_method.items() if {row.case for row in own} == cases}
     if not complete:
         raise InputError("rows have no method that was scored on all cases: one at least was expected")
-    return {method: course([asdict(row) for row in own], [1.0] * len(own)) for method, own in complete.items()}
+    return {method: course([asdict(row) for row in own]) for method, own in complete.items()}
 
 
 def front(all_curves: dict[Method, list[Moment]]) -> list[tuple[Moment, Method]]:

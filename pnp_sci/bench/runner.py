@@ -15,7 +15,7 @@ from typing import Any
 import numpy as np
 
 from .. import metrics
-from ..budget import calibrate
+from ..budget import calibrate, calibrate_networks
 from ..datasets import embedded_scene
 from ..errors import SolverError
 from ..result import Record, Result
@@ -175,6 +175,7 @@ def machine() -> dict[str, Any]:
         "processor": platform.processor(),
         "threads": numba.get_num_threads(),
         "calibration": calibrate(),
+        "networks": calibrate_networks() if "torch" in versions else None,
         "python": platform.python_version(),
         **versions,
         "revision": _revision(),
