@@ -6,7 +6,7 @@ from pathlib import Path
 
 import click
 
-from ._cli_inputs import FOLDER, OUTPUT, interactive
+from ._cli_inputs import FOLDER, Output, interactive
 from .errors import SolverError
 
 
@@ -34,9 +34,11 @@ def _numbers(kind: type) -> object:
 @click.option("--iterations", type=click.IntRange(min=1), help="At most so many.  [default: as the effort says]")
 @click.option("--repeat", default=1, show_default=True, type=click.IntRange(min=1), help="Timings of each row.")
 @click.option("--paper", is_flag=True, help="The paper's tables instead, ours beside theirs; see docs/results.")
-@click.option("--out", type=OUTPUT, help="Keep rows in this .json, and a .csv beside it; what is there is not redone.")
+@click.option(
+    "--out", type=Output(".json"), help="Keep rows in this .json, and a .csv beside it; what is there is not redone."
+)
 @click.option("--markdown", type=FOLDER, help="Write the table; with --paper a folder of tables.")
-@click.option("--curves", type=OUTPUT, help="Draw PSNR against seconds: .svg, .png or .pdf.")
+@click.option("--curves", type=Output(".svg", ".png", ".pdf"), help="Draw PSNR against seconds: .svg, .png or .pdf.")
 def bench(
     cases: str,
     noise: list[float | None],

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING
 
 import click
 
-from ._cli_inputs import FILE, OUTPUT, camera, camera_options, interactive, masks_for, one_of, true_video
+from ._cli_inputs import FILE, Output, camera, camera_options, interactive, masks_for, one_of, true_video
 
 if TYPE_CHECKING:
     from .bench import Trial
@@ -30,8 +30,8 @@ if TYPE_CHECKING:
 @click.option("--device", help="For priors that are networks, such as cuda.")
 @click.option("--seed", default=0, show_default=True, help="For priors that draw random numbers.")
 @click.option("--title", help="Heading of the report.  [default: names the measurement's file]")
-@click.option("--html", "html_file", type=OUTPUT, help="Write a report for the browser, one file.")
-@click.option("--json", "json_file", type=OUTPUT, help="Write the table with all settings as JSON.")
+@click.option("--html", "html_file", type=Output(), help="Write a report for the browser, one file.")
+@click.option("--json", "json_file", type=Output(), help="Write the table with all settings as JSON.")
 def compare(
     measurement: Path,
     masks_file: Path | None,

@@ -20,17 +20,23 @@ if TYPE_CHECKING:
 FILE = click.Path(exists=True, path_type=Path)
 
 
-class _Output(click.Path):
-    """A path that something can be written to: its folder is there before any work is done."""
+class Output(click.Path):
+    """A path that something can be written to, in one of these formats: that is known before any work is done."""
+
+    def __init__(self, *suffixes: str):
+        super().__init__(path_type=Path)
+        self.suffixes = suffixes
 
     def convert(self, value: Any, param: click.Parameter | None, ctx: click.Context | None) -> Any:
         path = Path(super().convert(value, param, ctx))  # type: ignore[arg-type]
         if not path.parent.is_dir():
             self.fail(f"{path}: there is no folder {path.parent}", param, ctx)
+        if self.suffixes and path.suffix.lower() not in self.suffixes:
+            came = path.suffix or "no suffix"
+            self.fail(f"{path}: {came} came, one of these was expected: {', '.join(self.suffixes)}", param, ctx)
         return path
 
 
-OUTPUT = _Output(path_type=Path)
 FOLDER = click.Path(path_type=Path)  # made where it is missing
 POSITIVE = click.FloatRange(min=0, min_open=True)
 

@@ -36,6 +36,7 @@ from .sensor import Sensor, warn_if_saturated
 from .solvers import ALGORITHMS, State
 from .threads import limited
 
+JUDGING = 0.25  # of a time budget, to find out what of a scene has to be modelled
 _log = logging.getLogger("pnp_sci")
 
 
@@ -189,12 +190,13 @@ def solve(
             return bool(callback(state)) if callback else False
 
         for n, measurement in enumerate(measurements):
-            deadline = None
+            deadline, until = None, np.inf
             if time_budget is not None:
                 now = time.perf_counter()
                 deadline = now + (begin + time_budget - now) / (len(measurements) - n)
+                until = now + JUDGING * (deadline - now)
             problem = pose(op, largest, measurement, sensor)
-            model = choose_scene(scene, problem, prior)
+            model = choose_scene(scene, problem, prior, until)
             reduced = model.reduce(op)
             name, start = first_estimate(init, problem, learned)
             starts.add(name)

@@ -11,13 +11,16 @@ import click
 
 from ._cli_bench import bench
 from ._cli_compare import compare
-from ._cli_inputs import FILE, FOLDER, OUTPUT, camera, camera_options, interactive, masks_for, one_of, true_video
+from ._cli_inputs import FILE, FOLDER, Output, camera, camera_options, interactive, masks_for, one_of, true_video
 from .errors import InputError, UnknownPluginError
 
 if TYPE_CHECKING:
     import numpy as np
 
 
+SAVED = ".npz", ".h5", ".hdf5"  # what holds a result
+ARRAYS = *SAVED, ".mat"  # ... and several arrays
+SHOWN = ".mp4", ".avi", ".mov", ".mkv", ".gif", ".tif", ".tiff", ".png"
 BRIGHTEST = 2.0  # of a video of floats: interpolation may leave [0, 1], grey levels up to 255 are another scale
 
 
@@ -89,8 +92,10 @@ def demo(out: Path, size: int) -> None:
 @click.option("--seed", default=0, show_default=True)
 @click.option("--option", "options", multiple=True, metavar="KEY=VALUE", help="Option of the prior; may be repeated.")
 @click.option("--reference", type=FILE, help="File with the true video, to score the result.")
-@click.option("--out", type=OUTPUT, default=Path("result.npz"), show_default=True, help="Result: .npz, .h5, .hdf5.")
-@click.option("--video", type=OUTPUT, help="For looking at: .mp4, .avi, .gif, .tif or .png.")
+@click.option(
+    "--out", type=Output(*SAVED), default=Path("result.npz"), show_default=True, help="Result: .npz, .h5, .hdf5."
+)
+@click.option("--video", type=Output(*SHOWN), help="For looking at: .mp4, .avi, .gif, .tif or .png.")
 def solve(
     measurement: Path,
     masks_file: Path | None,
@@ -143,7 +148,7 @@ def solve(
 )
 @click.option("--bits", type=click.IntRange(1, 32), help="Grey levels of the camera.")
 @click.option("--seed", default=0, show_default=True, help="Of the masks and the noise.")
-@click.option("--out", type=OUTPUT, default=Path("meas.npz"), show_default=True, help=".npz, .h5 or .mat")
+@click.option("--out", type=Output(*ARRAYS), default=Path("meas.npz"), show_default=True, help=".npz, .h5 or .mat")
 def simulate(
     videos: tuple[Path, ...],
     masks: str,

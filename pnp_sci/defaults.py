@@ -6,6 +6,8 @@ from functools import partial
 from importlib.util import find_spec
 from typing import Any
 
+import numpy as np
+
 from . import registry
 from .budget import LEARNED
 from .checks import one_of
@@ -51,11 +53,12 @@ def most_iterations(effort: str, first: int | None, frames: int, plan: Schedule 
     return max(first, FIRST) + (plan.enough(calls) if plan else calls)
 
 
-def choose_scene(scene: str | SceneModel, problem: Problem, prior: Any = None) -> SceneModel:
+def choose_scene(scene: str | SceneModel, problem: Problem, prior: Any = None, until: float = np.inf) -> SceneModel:
     """The model that a `scene` argument of :func:`solve` stands for.
 
     Quick estimates are made with TV and, where they leave it open and the `prior` is no quick one itself, with flow.
-    Single views that stand still beside others are looked for if a `prior` is given that is no quick one.
+    Single views that stand still beside others are looked for if a `prior` is given that is no quick one. `until` is a
+    moment of ``time.perf_counter``, after which no simpler model is taken.
     """
     if isinstance(scene, SceneModel):
         return scene
@@ -64,6 +67,6 @@ def choose_scene(scene: str | SceneModel, problem: Problem, prior: Any = None) -
     tv = partial(registry.load("priors", "tv"), still=False)
     small = min(problem.op.shape[2:]) < SMALLEST
     if prior in QUICK or small or "flow" not in registry.available("priors"):
-        return judge(problem, tv)
+        return judge(problem, tv, until=until)
     flow = partial(registry.load("priors", "flow"), first=patience(problem.op) // 2, **JUDGED_WITH)
-    return judge(problem, tv, flow, each_view=prior is not None)
+    return judge(problem, tv, flow, each_view=prior is not None, until=until)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import time
 from collections.abc import Callable, Iterator
 from functools import partial
 
@@ -52,7 +53,9 @@ def patience(op: SensingOperator) -> int:
     return max(LEAST, PER_FRAME * op.shape[0] * op.shape[1])
 
 
-def judge(problem: Problem, quick: Make, careful: Make | None = None, each_view: bool = False) -> SceneModel:
+def judge(
+    problem: Problem, quick: Make, careful: Make | None = None, each_view: bool = False, until: float = np.inf
+) -> SceneModel:
     """What this measurement requires to be modelled, from the measurement alone.
 
     Simpler models are tried against the full one: without the views whose level is near 0, and with one frame per view.
@@ -73,9 +76,11 @@ def judge(problem: Problem, quick: Make, careful: Make | None = None, each_view:
     each_view : bool
         Whether single views that stand still beside others are looked for, with the careful denoiser. All models share
         the errors of what moves there, so that one frame must predict better, and beyond chance.
+    until : float
+        A moment of ``time.perf_counter``: a model that has not shown by then that it is better is not taken.
     """
     op = problem.op
-    predicts_better = _Comparison(problem)
+    predicts_better = _Comparison(problem, until)
     chosen = full(op, "every view and frame is needed")
     half, calls = patience(op) // 2, [round(part * patience(op)) for part in CALLS]
     clearly = {patience(op): partial(_at_most, CLEARLY)}
@@ -130,8 +135,8 @@ def view_levels(op: SensingOperator, y: np.ndarray) -> np.ndarray:
 class _Comparison:
     """Models of a scene, compared by how they predict pixels of y that are held back; saturated ones are left out."""
 
-    def __init__(self, problem: Problem):
-        self.problem = problem
+    def __init__(self, problem: Problem, until: float):
+        self.problem, self.until = problem, until
         self.hidden = np.random.default_rng(0).random(problem.y.shape) < HELD_BACK
         self.seen = ~self.hidden
         self.by_chance = problem.saturated is None or not problem.saturated.any()  # what is hidden, and what is seen
@@ -148,6 +153,8 @@ class _Comparison:
         other model shows beyond the simple one.
         """
         op, y = self.problem.op, self.problem.y
+        if time.perf_counter() > self.until:
+            return False
         (errors, _), (others, x) = (self._first(model, make) for model in (simple, other))
         if self.by_chance and _evidence(errors, _beyond(simple, other, op, x), self.hidden) > CHANCE:
             return False
@@ -162,7 +169,8 @@ class _Comparison:
             return _predictions(model.reduce(part), y, seen, self.problem.typical_noise, make(), *looks)
 
         for is_fine, (errors, _), (others, x) in zip(looks.values(), estimates(simple), estimates(other)):
-            if not is_fine(*(e[hidden].astype(np.float64) ** 2 - expected for e in (errors, others))):
+            squares = (e[hidden].astype(np.float64) ** 2 - expected for e in (errors, others))
+            if not is_fine(*squares) or time.perf_counter() > self.until:
                 return False
             if self.by_chance and _evidence(errors, _beyond(simple, other, part, x), hidden) > CHANCE:
                 return False

@@ -7,7 +7,7 @@ from typing import Any
 
 import numpy as np
 
-from .checks import require_finite
+from .checks import number, require_finite
 from .errors import InputError
 from .io import read_video
 from .operator import SensingOperator
@@ -61,8 +61,8 @@ def simulate(
     if isinstance(noise, Sensor):
         if (bits, peak) != (None, None):
             raise InputError(f"bits is {bits}, peak is {peak}: neither was expected beside a Sensor, which has its own")
-    elif not 0 <= noise < np.inf:
-        raise InputError(f"noise is {noise}: a finite number >= 0 was expected")
+    else:
+        noise = number("noise", noise, "a Sensor or a finite number >= 0")
     if bits is not None and bits not in range(1, 33):
         raise InputError(f"bits is {bits}: a whole number from 1 to 32 was expected")
     if peak is not None and not 0 < peak < np.inf:

@@ -2,11 +2,47 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+import threading
+from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 
 import numba
 from threadpoolctl import threadpool_limits
+
+
+class Pool:
+    """Threads of the whole process, held to a number while anybody asks for it; the last who leaves puts them back.
+
+    Parameters
+    ----------
+    hold : callable
+        Holds them to so many, and returns what undoes that.
+    """
+
+    def __init__(self, hold: Callable[[int], Callable[[], object]]):
+        self._hold, self._lock, self._asked = hold, threading.Lock(), list[int]()
+        self._put_back: Callable[[], object] = bool
+
+    @contextmanager
+    def at_most(self, threads: int) -> Iterator[None]:
+        """Meanwhile, so many threads at most; fewer if others ask for fewer at the same time."""
+        with self._lock:
+            undo = self._hold(min([threads, *self._asked]))
+            if not self._asked:
+                self._put_back = undo
+            self._asked.append(threads)
+        try:
+            yield
+        finally:
+            with self._lock:
+                self._asked.remove(threads)
+                if self._asked:
+                    self._hold(min(self._asked))
+                else:
+                    self._put_back()
+
+
+_libraries = Pool(lambda threads: threadpool_limits(threads).restore_original_limits)
 
 
 @contextmanager
@@ -14,7 +50,8 @@ def limited(threads: int | None) -> Iterator[None]:
     """Hold what is computed inside to so many threads at most, None for no change; afterwards all is as before.
 
     Networks and optical flow ask numba how many there are, see :func:`pnp_sci.inference.as_many_threads`. The limit of
-    numba's kernels is this thread's own: solvers in other threads of the program keep theirs.
+    numba's kernels is this thread's own: solvers in other threads of the program keep theirs. That of the libraries is
+    the program's, the lowest that is asked for.
     """
     if threads is None:
         yield
@@ -22,7 +59,7 @@ def limited(threads: int | None) -> Iterator[None]:
     before = numba.get_num_threads()
     numba.set_num_threads(min(threads, before))
     try:
-        with threadpool_limits(min(threads, numba.config.NUMBA_NUM_THREADS)):  # type: ignore[attr-defined]
+        with _libraries.at_most(min(threads, numba.config.NUMBA_NUM_THREADS)):  # type: ignore[attr-defined]
             yield
     finally:
         numba.set_num_threads(before)

@@ -118,7 +118,9 @@ class BM3D:
         if v.ndim != 4 or v.size == 0:
             raise InputError(f"x has shape {v.shape}: (views, frames, rows, columns) was expected, none of them 0")
         rows, columns = v.shape[2:]
-        margins = ((0, 0), *((0, max(-n % kernels.STEP, kernels.SIDE - n)) for n in (rows, columns)))
+        if min(rows, columns) < kernels.SIDE:  # no patch is like another where there is hardly one
+            return self._before(v, float(np.mean(sigma)))
+        margins = ((0, 0), *((0, -n % kernels.STEP) for n in (rows, columns)))
         frames = np.pad(v.reshape(-1, rows, columns).astype(np.float32, copy=False), margins, mode="edge")
         level = sigma
         if np.ndim(sigma):

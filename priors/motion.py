@@ -5,9 +5,11 @@ from __future__ import annotations
 from collections.abc import Callable
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
-from functools import cache, cached_property
+from functools import cache, cached_property, partial
 
 import numpy as np
+
+from pnp_sci.threads import Pool
 
 from . import _flow_kernels as averages
 from . import _match_kernels as matches
@@ -199,7 +201,8 @@ def _at_rest(pilot: np.ndarray, pairs: np.ndarray, distance: np.ndarray, rest: f
     variance = np.empty_like(pilot[0])
     spread(pilot, variance)
     variance = cv2.GaussianBlur(variance, (0, 0), 0.75)
-    return np.exp(-(variance + MOVES * np.maximum(gained, 0)) / rest**2).astype(np.float32)
+    with np.errstate(under="ignore"):  # what surely moves
+        return np.exp(-(variance + MOVES * np.maximum(gained, 0)) / rest**2).astype(np.float32)
 
 
 def _enlarged(motion: Motion, height: int, width: int) -> Motion:
@@ -236,17 +239,23 @@ def finished(x: np.ndarray, sigma: float, neighbours: int, drift: float, rest: f
     return out
 
 
-def _for_each(count: int, work: Callable[[int], None]) -> None:
-    """Call `work` with 0..count-1, shared among as many threads as numba may use; OpenCV then stays in its own."""
+def _hold_opencv(threads: int) -> Callable[[], None]:
     import cv2
-    import numba
 
     own = cv2.getNumThreads()
-    cv2.setNumThreads(1)  # one picture is too small to share out; the pairs are not
-    try:
+    cv2.setNumThreads(threads)
+    return partial(cv2.setNumThreads, own)
+
+
+_opencv = Pool(_hold_opencv)
+
+
+def _for_each(count: int, work: Callable[[int], None]) -> None:
+    """Call `work` with 0..count-1, shared among as many threads as numba may use; OpenCV then stays in its own."""
+    import numba
+
+    with _opencv.at_most(1):  # one picture is too small to share out; the pairs are not
         list(_threads(numba.get_num_threads()).map(work, range(count)))
-    finally:
-        cv2.setNumThreads(own)
 
 
 @cache

@@ -222,4 +222,5 @@ def at_rest(view: np.ndarray, rest: float) -> np.ndarray:
 
     variance = np.empty_like(view[0])
     spread(view, variance)
-    return np.exp(-gaussian_filter(variance, 1.5, mode="nearest") / rest**2)
+    with np.errstate(under="ignore"):  # what surely moves
+        return np.exp(-gaussian_filter(variance, 1.5, mode="nearest") / rest**2)

@@ -240,6 +240,29 @@ def test_the_start_of_a_uniform_scene_is_the_scene():
     assert np.abs(result.x - 0.5).max() < 0.02
 
 
+def test_a_first_estimate_of_another_scale_is_put_right(scene):
+    levels = np.round(255 * scene.truth).astype(np.uint8)
+    result = solve(scene.y, scene.masks, init=levels)
+    assert result.status.ok
+    usual = solve(scene.y, scene.masks)
+    assert pnp_sci.psnr(result.x, scene.truth).mean() > pnp_sci.psnr(usual.x, scene.truth).mean() - 1
+
+
+def test_little_of_a_time_budget_goes_into_the_scene(scene, monkeypatch):
+    """Whatever is not known by then to be simpler is modelled in full."""
+    still = pnp_sci.simulate(np.repeat(scene.truth[:, :1], scene.masks.shape[1], 1), scene.masks)
+    assert solve(still, scene.masks, "flow", iterations=1, time_budget=60).scene["still"]
+    monkeypatch.setattr("pnp_sci.api.JUDGING", 0.0)
+    result = solve(still, scene.masks, "flow", iterations=1, time_budget=60)
+    assert result.scene["frames_modelled"] == result.scene["frames"]
+
+
+def test_underflow_is_no_failure(scene):
+    with np.errstate(all="raise"):
+        for prior, options in (("tv", {}), ("flow", {"first": 42})):
+            assert solve(scene.y, scene.masks, prior, iterations=45, **options).status.ok
+
+
 def test_init_and_reference_in_users_units(scene):
     y, counts = 255 * scene.y, np.round(255 * scene.truth).astype(np.uint8)
     result = solve(y, scene.masks, "none", 255 * scene.truth, iterations=1)

@@ -62,6 +62,18 @@ def test_a_file_is_a_case(tmp_path):
         Case("embedded", frames=11).load()
 
 
+@pytest.mark.parametrize("kind", [np.uint8, np.uint16])
+def test_a_truth_in_grey_levels_is_scored_as_one_of_floats(tmp_path, kind):
+    scene, white = datasets.embedded_scene(32), np.iinfo(kind).max
+    levels = np.round(white * scene.truth).astype(kind)
+    rows = []
+    for truth in (levels, levels / white):
+        path = str(tmp_path / f"{truth.dtype}.npz")
+        io.write(path, {"y": pnp_sci.simulate(truth, scene.masks), "masks": scene.masks, "x": truth})
+        rows.append(measure(Case(path), Method("tv", iterations=10)))
+    assert rows[0].psnr == pytest.approx(rows[1].psnr, abs=1e-3)
+
+
 def test_a_network_alone_is_a_method():
     alone, tv = bench.grid(["tv"], decoders=["ofanet-fast"])
     assert (alone.name, tv.name) == ("ofanet-fast alone", "tv")

@@ -22,6 +22,14 @@ def picture(rows=64, columns=64):
     return data.camera()[100 : 100 + rows, 200 : 200 + columns].astype(np.float32) / 255
 
 
+@pytest.mark.parametrize(("rows", "columns"), [(5, 3), (7, 40), (2, 2)])
+def test_pictures_smaller_than_a_patch_are_left_to_tv(rows, columns):
+    x = np.random.default_rng(0).random((1, 2, rows, columns), np.float32)
+    bm3d, tv = BM3D(first=1), TV()
+    for _ in range(4):
+        np.testing.assert_array_equal(bm3d(x, 0.1), tv(x, 0.1))
+
+
 def noisy(x, sigma):
     return (x + sigma * np.random.default_rng(0).standard_normal(x.shape)).astype(np.float32)
 

@@ -4,6 +4,7 @@ import json
 import sys
 from dataclasses import replace
 
+import numpy as np
 import pytest
 from test_bench import QUICK, SLOW
 
@@ -81,6 +82,13 @@ def test_bad_input_is_named(results, tmp_path):
         pnp_sci.recommend(1, "nowhere", results)
     with pytest.raises(InputError, match="singleview"):
         pnp_sci.recommend(1, "singleview", results)
+    for like in (None, 3, (), (2, 10), (2, 10, -4, 64), (2, 10, 0, 64), (2, 10, 64.5, 64)):
+        with pytest.raises(InputError, match="like is"):
+            pnp_sci.recommend(5, like)
+    assert pnp_sci.recommend(np.int64(5)) == pnp_sci.recommend(5)
+    (tmp_path / "table.json").write_text('{"rows": [{"method": "tv"}]}')
+    with pytest.raises(FormatError, match=r"table\.json.*'case'"):
+        pnp_sci.recommend(1, results=tmp_path / "table.json")
     (tmp_path / "other.json").write_text("{}")
     with pytest.raises(FormatError, match=r"other\.json"):
         pnp_sci.recommend(1, results=tmp_path / "other.json")

@@ -13,7 +13,8 @@ import pytest
 from click.testing import CliRunner
 
 import pnp_sci.api
-from pnp_sci import io, registry
+import pnp_sci.bench
+from pnp_sci import _formats, cli, io, registry
 from pnp_sci.cli import main
 from pnp_sci.datasets import embedded_scene
 from pnp_sci.result import History, Record, Result, Status
@@ -125,6 +126,25 @@ def test_wrong_command_lines_exit_with_2(meas):
     for command in ("solve", "compare"):
         assert "y.npy holds a single array" in fails(2, command, "y.npy")
     assert not Path("result.npz").exists()
+
+
+@pytest.mark.parametrize(
+    "command",
+    ["solve {} --out r.txt", "solve {} --video r.txt", "solve {} --out r", "simulate {} --out s.txt",
+     "bench --out b.csv", "bench --curves c.txt"],
+)  # fmt: skip
+def test_an_unknown_format_is_refused_before_any_work(monkeypatch, meas, command):
+    for module, work in (("api", "solve"), ("simulate", "simulate"), ("bench", "run")):
+        monkeypatch.setattr(sys.modules[f"pnp_sci.{module}"], work, lambda *given, **more: pytest.fail("work was done"))
+    result = CliRunner().invoke(main, command.format(meas).split())
+    assert result.exit_code == 2
+    assert "one of these was expected: ." in result.output
+
+
+def test_formats_of_results_are_those_of_the_library():
+    assert set(cli.SAVED) == {".npz", *pnp_sci.result._HDF5}
+    assert set(cli.ARRAYS) == _formats.CONTAINERS
+    assert set(cli.SHOWN) == {*_formats.VIDEO, ".tif", ".tiff", ".png"}
 
 
 def test_unreadable_files_exit_with_1_and_one_line(here):

@@ -3,6 +3,7 @@
 import os
 import subprocess
 import sys
+import threading
 
 import numba
 import numpy as np
@@ -13,6 +14,7 @@ import pnp_sci
 from pnp_sci import datasets
 from pnp_sci.errors import InputError
 from pnp_sci.threads import limited
+from priors import motion
 
 
 def test_all_are_limited_and_as_before_afterwards():
@@ -25,6 +27,34 @@ def test_all_are_limited_and_as_before_afterwards():
     with pytest.raises(ZeroDivisionError), limited(1):
         _ = 1 / 0
     assert (numba.get_num_threads(), threadpool_info()) == (before, pools)
+
+
+def test_those_that_overlap_put_back_what_there_was():
+    """Whoever comes second must not take the limit of the first for what there was."""
+    opencv = pytest.importorskip("cv2")
+    before, pools = opencv.getNumThreads(), threadpool_info()
+    scene = datasets.embedded_scene(64)
+    first, second = threading.Event(), threading.Event()
+
+    def early():
+        with limited(1), motion._opencv.at_most(1):
+            first.set()
+            second.wait(60)
+
+    def late():
+        first.wait(60)
+        with limited(1), motion._opencv.at_most(1):
+            second.set()
+            other.join()
+            assert opencv.getNumThreads() == 1
+        result.append(pnp_sci.solve(scene.y, scene.masks, "flow", iterations=35, threads=1).status)
+
+    result = []
+    other, last = threading.Thread(target=early), threading.Thread(target=late)
+    other.start(), last.start()
+    last.join()
+    assert [status.ok for status in result] == [True]
+    assert (opencv.getNumThreads(), threadpool_info()) == (before, pools)
 
 
 def test_networks_and_flow_take_no_more_than_the_kernels():

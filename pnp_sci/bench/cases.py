@@ -11,6 +11,7 @@ from pathlib import Path
 import numpy as np
 
 from .. import datasets
+from ..checks import white
 from ..errors import InputError
 from ..simulate import simulate
 
@@ -111,5 +112,9 @@ def _from_file(file: str) -> datasets.Scene:
     if not Path(file).exists():
         raise InputError(f"case is {file!r}: a file, or one of these was expected: {', '.join(_SCENES)}")
     y, masks = io.read_measurement(file), io.read_masks(file)
-    has_truth = "x" in {entry.key for entry in io.describe(file)}
-    return datasets.Scene(file, y, masks, io.read_video(file, len(masks), "x") if has_truth else None, None)
+    if "x" not in {entry.key for entry in io.describe(file)}:
+        return datasets.Scene(file, y, masks, None, None)
+    truth = io.read_video(file, len(masks), "x")
+    if (largest := white("x", truth.dtype)) != 1:
+        y, truth = y / largest, truth / largest
+    return datasets.Scene(file, y, masks, truth, None)
