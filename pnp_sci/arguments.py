@@ -13,6 +13,7 @@ from . import registry
 from .checks import real_array, require_finite, shaped, white, whole
 from .compose import Joint, Stages, TorchDenoiser, is_torch_module
 from .errors import FormatError, InputError, InputTypeError
+from .loop import EXPLODED
 from .metrics import psnr, ssim
 from .problem import Problem, level
 from .protocols import Denoiser
@@ -93,6 +94,9 @@ def first_estimate(init: Any, problem: Problem, learned: bool = False) -> tuple[
             x = real_array("init", init) / np.float64(problem.unit)
     x = shaped("init", x, op.shape, op.dtype)
     require_finite("init", x)
+    share = float(np.linalg.norm(problem.y - op.forward(x)) / (np.linalg.norm(problem.y) or 1.0))
+    if share > EXPLODED:
+        raise InputError(f"init leaves a residual of {share:.3g} times y: an estimate in the units of y was expected")
     return init if isinstance(init, str) else type(init).__name__, x
 
 

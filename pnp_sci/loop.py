@@ -136,7 +136,7 @@ def run(
     norm = _length(y) or 1.0
     begin, aside = time.perf_counter(), 0.0
     records: list[Record] = []
-    estimate, good, before, quiet, slowest, ending, most = None, None, None, 0, 0.0, 0.0, EXPLODED
+    estimate, good, before, quiet, slowest, ending = None, None, None, 0, 0.0, 0.0
     averaged = 0  # iterates in the mean
 
     def record_of(state: State, seconds: float) -> Record:
@@ -147,9 +147,7 @@ def run(
         relative = _length(missing(state.residual, saturated)) / norm
         if not np.isfinite(_length(state.residual)):  # it is not if any value of x is not: 0 * nan is nan
             return good or state, Status.NOT_FINITE, records
-        if not state.iteration:
-            most = EXPLODED * max(relative, 1.0)  # a first estimate may be of any scale
-        if relative > most:
+        if relative > EXPLODED:
             return good or state, Status.DIVERGED, records
         averaged = averaged + 1 if state.iteration and restless() else 0
         estimate = _mean(estimate, state, (POWER + 1) / (averaged + POWER)) if estimate and averaged > 1 else state
