@@ -16,10 +16,10 @@ import pnp_sci
 from pnp_sci import SceneModel
 from pnp_sci.training.clips import load_clips, split
 
-KINDS = (  # views, frames, pixels a side, density of the masks, noise in parts of max(y)
+KINDS = (  # views, frames, pixels a side, density of the masks, noise in parts of max(y), brightness of the last view
     (2, 10, 256, 0.5, 0), (1, 8, 256, 0.5, 0), (2, 10, 128, 0.5, 0), (1, 8, 128, 0.5, 0), (2, 10, 128, 0.1, 0),
     (1, 24, 128, 0.5, 0), (2, 20, 128, 0.5, 0), (3, 10, 128, 0.5, 0), (2, 10, 64, 0.5, 0), (2, 10, 128, 0.5, 0.01),
-    (1, 8, 128, 0.5, 0.02), (2, 10, 256, 0.5, 0.03),
+    (1, 8, 128, 0.5, 0.02), (2, 10, 256, 0.5, 0.03), (2, 10, 128, 0.5, 0, 0.3), (2, 10, 128, 0.5, 0, 0.1),
 )  # fmt: skip
 PRIORS = ("tv", "flow")
 
@@ -40,9 +40,11 @@ def still(y, masks, prior):
 
 def main():
     _, clips = split(load_clips([Path(os.environ["PNP_SCI_DATA"]) / "train_video"]))
-    for views, frames, size, density, noise in KINDS:
+    for views, frames, size, density, noise, *dim in KINDS:
         masks = pnp_sci.random_masks((views, frames, size, size), density, seed=1)
         truths = list(scenes(clips, views, frames, size))
+        for truth in truths:
+            truth[-1] *= dim[0] if dim else 1
         report = []
         for prior in PRIORS:
             found, beside, gains = 0, 0, []
@@ -61,7 +63,8 @@ def main():
             wrong = ", ".join(f"{gain:+.1f}" for gain in sorted(gains)) or "none"
             ones = f", {beside} still views" if views > 1 else ""
             report.append(f"{prior}: {found}{ones} of {len(truths)} found, moving ones taken for still: {wrong}")
-        print(f"{views} x {frames}, {size}, {density}, {noise}: {'; '.join(report)}", flush=True)
+        last = f", last view {dim[0]}" if dim else ""
+        print(f"{views} x {frames}, {size}, {density}, {noise}{last}: {'; '.join(report)}", flush=True)
 
 
 if __name__ == "__main__":
