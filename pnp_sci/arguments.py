@@ -13,10 +13,11 @@ from . import registry
 from .checks import real_array, require_finite, shaped, white, whole
 from .compose import Joint, Stages, TorchDenoiser, is_torch_module
 from .errors import FormatError, InputError, InputTypeError
-from .loop import EXPLODED
+from .loop import EXPLODED, length
 from .metrics import psnr, ssim
 from .problem import Problem, level
 from .protocols import Denoiser
+from .solvers import missing
 
 NETWORK = "ofanet-fast"  # the quickest of the first estimates that are better than "adjoint"
 
@@ -94,8 +95,8 @@ def first_estimate(init: Any, problem: Problem, learned: bool = False) -> tuple[
             x = real_array("init", init) / np.float64(problem.unit)
     x = shaped("init", x, op.shape, op.dtype)
     require_finite("init", x)
-    share = float(np.linalg.norm(problem.y - op.forward(x)) / (np.linalg.norm(problem.y) or 1.0))
-    if share > EXPLODED:
+    share = length(missing(problem.y - op.forward(x), problem.saturated)) / (length(problem.y) or 1.0)
+    if not isinstance(init, str) and problem.y.any() and share > EXPLODED:
         raise InputError(f"init leaves a residual of {share:.3g} times y: an estimate in the units of y was expected")
     return init if isinstance(init, str) else type(init).__name__, x
 

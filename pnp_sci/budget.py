@@ -10,13 +10,14 @@ from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
 from functools import cache
 from importlib.util import find_spec
+from numbers import Real
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
 from . import registry
-from .checks import number, whole
+from .checks import whole
 from .errors import FormatError, InputError
 from .loop import iterate
 from .operator import SensingOperator
@@ -27,6 +28,7 @@ CLASSICAL = ("tv", "wavelet", "bm3d", "flow", "none")
 USUAL = {"init": "auto", "algorithm": "gap", "effort": "balanced"}  # of `solve`, left out of a recommendation
 PLAIN = {"prior", "init", "iterations"}
 OF_ANY_SIZE = ("auto", "adjoint")  # first estimates
+KEYS = ("case", "method", "shape", "loading", "course", "settings", "machine")  # of a row, those that are read
 WORTH = 0.25  # of a time budget: what loading PyTorch may take of it, so that networks are thought of at all
 
 
@@ -101,11 +103,13 @@ def recommend(
     >>> advice.seconds <= 2.0
     True
     """
-    if not number("budget_seconds", budget_seconds, "a number > 0"):
+    if not (isinstance(budget_seconds, Real) and budget_seconds > 0):
         raise InputError(f"budget_seconds is {budget_seconds!r}: a number > 0 was expected")
     if not isinstance(like, str):
         like = _size(like)
-    options = list(_options(str(results or MEASURED), like, loading))
+    rows = _read(str(results or MEASURED))
+    wait = _wait(rows) if loading and LEARNED[0] not in sys.modules else 0.0
+    options = list(_options(rows, like, _installed(), wait))
     if not options:
         raise InputError(f"like is {like!r}: a scene, a group or a size that was measured with truth was expected")
     within = [option for option in options if option.seconds <= budget_seconds]
@@ -121,9 +125,13 @@ def prior_within(budget_seconds: float, shape: Sequence[int]) -> str:
     What it takes to find that out counts, too.
     """
     begin = time.perf_counter()
+    rows = _read(str(MEASURED))
+    networks = _installed() and (LEARNED[0] in sys.modules or _wait(rows) <= WORTH * budget_seconds)
+    if networks:
+        calibrate_networks()  # loads PyTorch, if that is still to be done
     options = [
         option
-        for option in _options(str(MEASURED), shape, loading=True, within=budget_seconds)
+        for option in _options(rows, shape, networks)
         if option.arguments.keys() <= PLAIN
         and option.arguments.get("init", "auto") in OF_ANY_SIZE
         and option.arguments["prior"] != "auto"  # which is to be found out
@@ -153,22 +161,18 @@ def course(rows: Sequence[dict[str, Any]]) -> list[Moment]:
 
 
 def _options(
-    results: str, like: str | Sequence[int], loading: bool, within: float = np.inf
+    rows: list[dict[str, Any]], like: str | Sequence[int], networks: bool, wait: float = 0.0
 ) -> Iterator[Recommendation]:
-    """Every method at every checkpoint, on this machine; no networks if loading takes too much of the seconds given."""
-    rows = [row for row in _read(results) if _is_like(row, like) and _serves(row, like)]
+    """Every method at every checkpoint, on this machine; those with networks, if at all, so many seconds later."""
+    alike = [row for row in rows if _is_like(row, like) and _serves(row, like)]
     key = lambda row: json.dumps(row["method"])  # noqa: E731
-    groups = [list(group) for _, group in itertools.groupby(sorted(rows, key=key), key)]
+    groups = [list(group) for _, group in itertools.groupby(sorted(alike, key=key), key)]
     most = max(map(len, groups), default=0)
-    networks = all(map(find_spec, LEARNED))
     for group in groups:
         if len(group) < most:  # a mean over other cases does not compare
             continue
         method, cases = group[0]["method"], tuple(row["case"]["scene"] for row in group)
-        wait = 0.0
-        if loading and _must_load(method):
-            wait = float(np.mean([_slower(row) * row["loading"] for row in group]))
-        if _is_learned(method) and (not networks or wait > WORTH * within):
+        if _is_learned(method) and not networks:
             continue
         for moment in course([_here(row, like) for row in group]):
             if method["prior"] is None:
@@ -178,11 +182,15 @@ def _options(
                 usual = USUAL if method["prior"] == "auto" else USUAL | {"effort": method["effort"]}
                 arguments = {k: v for k, v in method.items() if v != usual.get(k)} | {"iterations": moment.iteration}
             if moment.iteration or method["prior"] is None:
-                yield Recommendation(arguments, moment.seconds + wait, moment.psnr, cases)
+                seconds = moment.seconds + (wait if _is_learned(method) else 0.0)
+                yield Recommendation(arguments, seconds, moment.psnr, cases)
 
 
 def _here(row: dict[str, Any], like: str | Sequence[int]) -> dict[str, Any]:
-    """The row with the seconds that it would have on this machine, and for videos of that size if `like` is one."""
+    """The row with the seconds that it would have on this machine, and for videos of that size if `like` is one.
+
+    All iterations of a prior with a network count as its network's, those too that it leaves to TV.
+    """
     size = 1.0 if isinstance(like, str) else float(np.prod(like) / np.prod(row["shape"]))
     first = size * _slower(row, networks=_init(row) not in OF_ANY_SIZE)
     then = size * _slower(row, networks=row["method"]["prior"] not in CLASSICAL)
@@ -220,9 +228,14 @@ def _serves(row: dict[str, Any], like: str | Sequence[int]) -> bool:
     return isinstance(like, str) or _init(row) == "adjoint" or row["shape"][:2] == list(like[:2])
 
 
-def _must_load(method: dict[str, Any]) -> bool:
-    """Whether a library of networks comes first: the kernels of the other priors are there in no time."""
-    return LEARNED[0] not in sys.modules and _is_learned(method)
+def _installed() -> bool:
+    """Whether networks can be had at all."""
+    return all(map(find_spec, LEARNED))
+
+
+def _wait(rows: list[dict[str, Any]]) -> float:
+    """Seconds until PyTorch is loaded: the kernels of the other priors are there in no time."""
+    return float(np.median([_slower(row) * row["loading"] for row in rows if _is_learned(row["method"])] or [0.0]))
 
 
 def _is_learned(method: dict[str, Any]) -> bool:
@@ -242,7 +255,7 @@ def _is_like(row: dict[str, Any], like: str | Sequence[int]) -> bool:
 def _read(path: str) -> list[dict[str, Any]]:
     try:
         rows = json.loads(Path(path).read_text(encoding="utf-8"))["rows"]
-        if missing := [key for key in ("case", "method", "course", "machine") for row in rows if key not in row]:
+        if missing := [key for key in KEYS for row in rows if key not in row]:
             raise KeyError(missing[0])
         return rows
     except (ValueError, KeyError, TypeError) as error:

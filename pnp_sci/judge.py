@@ -38,8 +38,9 @@ NO_WORSE, SURELY = 1.0, 2.0
 # Largest evidence, in standard errors, for what the full model shows and the simple one cannot: changes along time, or
 # a view. What is hidden has no part in the estimates, so that it is chance where the simple model is right: 5 % of 120
 # still scenes (clips of the training, views of equal and of unequal brightness, with noise and without) have more than
-# 2.5, and of 120 moving ones three in four more than 4.
+# 2.5 at any look of flow on the tile, and of 120 moving ones three in four more than 4.
 CHANCE = 3.0
+SATURATED = 0.01  # of the pixels of y: with more it is no chance which ones are left, and evidence misleads
 # Of the variance of the noise, which may be estimated so much too low: left in both errors, that makes them alike.
 DOUBT = 0.1
 
@@ -139,7 +140,8 @@ class _Comparison:
         self.problem, self.until = problem, until
         self.hidden = np.random.default_rng(0).random(problem.y.shape) < HELD_BACK
         self.seen = ~self.hidden
-        self.by_chance = problem.saturated is None or not problem.saturated.any()  # what is hidden, and what is seen
+        # which pixels are left to be hidden, but for a few
+        self.by_chance = problem.saturated is None or problem.saturated.mean() < SATURATED
         if problem.saturated is not None:
             self.hidden, self.seen = self.hidden & ~problem.saturated, self.seen & ~problem.saturated
         self._known: dict[SceneModel, tuple[np.ndarray, np.ndarray]] = {}
@@ -155,7 +157,7 @@ class _Comparison:
         op, y = self.problem.op, self.problem.y
         if time.perf_counter() > self.until:
             return False
-        (errors, _), (others, x) = (self._first(model, make) for model in (simple, other))
+        errors, (others, x) = self._first(simple, make)[0], self._first(other, make)
         if self.by_chance and _evidence(errors, _beyond(simple, other, op, x), self.hidden) > CHANCE:
             return False
         crop = _contested_tile(*(self.hidden * e**2 for e in (errors, others)))
@@ -210,7 +212,9 @@ def _beyond(simple: SceneModel, other: SceneModel, op: SensingOperator, x: np.nd
 def _evidence(errors: np.ndarray, shown: np.ndarray, hidden: np.ndarray) -> float:
     """How much speaks for any of what is `shown` (V, H, W), as part of the errors (H, W) of what is hidden.
 
-    In standard errors of least squares; they are White's, of errors that are larger in some places than in others.
+    In standard errors of least squares, if nothing of it is in the errors, which may be larger in some places than in
+    others (the score test with White's variance). At most the root of the number of pixels that it shows in: what moves
+    in a few of the hidden ones has no voice.
     """
     errors, shown = errors[hidden].astype(np.float64), shown[:, hidden].astype(np.float64)
     shown = shown[shown.any(1)]
@@ -228,7 +232,7 @@ def _predictions(
     sampled = SensingOperator(op.masks * seen.astype(op.masks.dtype), op.dtype)
     for state in iterate(sampled, y * seen, denoiser, level(op, y * seen), noise=noise):
         if state.iteration in iterations:
-            yield y - op.forward(state.x), state.x.copy()
+            yield y - op.forward(state.x), state.x
         if state.iteration == iterations[-1]:
             return
 

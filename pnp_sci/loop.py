@@ -133,19 +133,19 @@ def run(
     `finish` makes of the last estimate the one that is returned, unless the guard ends the run or nothing has been
     denoised; the last record is of that one. As much time as the slowest iteration but the first took is left for it.
     """
-    norm = _length(y) or 1.0
+    norm = length(y) or 1.0
     begin, aside = time.perf_counter(), 0.0
     records: list[Record] = []
     estimate, good, before, quiet, slowest, ending = None, None, None, 0, 0.0, 0.0
     averaged = 0  # iterates in the mean
 
     def record_of(state: State, seconds: float) -> Record:
-        relative = _length(missing(state.residual, saturated)) / norm
+        relative = length(missing(state.residual, saturated)) / norm
         return Record(state.iteration, seconds, relative, state.sigma, psnr(state.x) if psnr else None)
 
     for state in states:
-        relative = _length(missing(state.residual, saturated)) / norm
-        if not np.isfinite(_length(state.residual)):  # it is not if any value of x is not: 0 * nan is nan
+        relative = length(missing(state.residual, saturated)) / norm
+        if not np.isfinite(length(state.residual)):  # it is not if any value of x is not: 0 * nan is nan
             return good or state, Status.NOT_FINITE, records
         if relative > EXPLODED:
             return good or state, Status.DIVERGED, records
@@ -163,7 +163,7 @@ def run(
         stop = observe(estimate, record)
         aside += time.perf_counter() - now
         if before is not None:
-            small = state.iteration > limits.least and _length(state.residual - before) / norm < limits.tol
+            small = state.iteration > limits.least and length(state.residual - before) / norm < limits.tol
             quiet = quiet + 1 if small else 0
         before = state.residual
         late = limits.deadline is not None and time.perf_counter() + slowest + ending > limits.deadline
@@ -173,7 +173,7 @@ def run(
         raise AssertionError("iterate() has no end")
     if finish and estimate.iteration:
         finished = finish(estimate)
-        if not np.isfinite(_length(finished.residual)):
+        if not np.isfinite(length(finished.residual)):
             return estimate, Status.NOT_FINITE, records
         estimate = finished
         records[-1] = record_of(estimate, time.perf_counter() - begin - aside)
@@ -193,6 +193,6 @@ def _mean(before: State, state: State, share: float) -> State:
     return replace(state, x=x, residual=residual)
 
 
-def _length(picture: np.ndarray) -> float:
+def length(picture: np.ndarray) -> float:
     """Euclidean norm. BLAS would do it with threads that go on spinning, and keep the kernels' threads waiting."""
     return float(np.sqrt(np.einsum("ij,ij", picture, picture)))

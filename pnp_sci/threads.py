@@ -21,7 +21,7 @@ class Pool:
 
     def __init__(self, hold: Callable[[int], Callable[[], object]]):
         self._hold, self._lock, self._asked = hold, threading.Lock(), list[int]()
-        self._put_back: Callable[[], object] = bool
+        self._put_back: Callable[[], object] | None = None
 
     @contextmanager
     def at_most(self, threads: int) -> Iterator[None]:
@@ -38,20 +38,20 @@ class Pool:
                 self._asked.remove(threads)
                 if self._asked:
                     self._hold(min(self._asked))
-                else:
+                elif self._put_back:
                     self._put_back()
 
 
-_libraries = Pool(lambda threads: threadpool_limits(threads).restore_original_limits)
+_blas = Pool(lambda threads: threadpool_limits(threads, user_api="blas").restore_original_limits)
 
 
 @contextmanager
 def limited(threads: int | None) -> Iterator[None]:
     """Hold what is computed inside to so many threads at most, None for no change; afterwards all is as before.
 
-    Networks and optical flow ask numba how many there are, see :func:`pnp_sci.inference.as_many_threads`. The limit of
-    numba's kernels is this thread's own: solvers in other threads of the program keep theirs. That of the libraries is
-    the program's, the lowest that is asked for.
+    Networks and optical flow ask numba how many there are, see :func:`pnp_sci.inference.as_many_threads`. The limits of
+    numba's kernels and of OpenMP are this thread's own: solvers in other threads of the program keep theirs. That of
+    BLAS is the program's, the lowest that is asked for.
     """
     if threads is None:
         yield
@@ -59,7 +59,8 @@ def limited(threads: int | None) -> Iterator[None]:
     before = numba.get_num_threads()
     numba.set_num_threads(min(threads, before))
     try:
-        with _libraries.at_most(min(threads, numba.config.NUMBA_NUM_THREADS)):  # type: ignore[attr-defined]
+        most = min(threads, numba.config.NUMBA_NUM_THREADS)  # type: ignore[attr-defined]
+        with _blas.at_most(most), threadpool_limits(most, user_api="openmp"):
             yield
     finally:
         numba.set_num_threads(before)

@@ -250,9 +250,9 @@ def test_a_first_estimate_of_another_scale_is_named(scene):
 def test_little_of_a_time_budget_goes_into_the_scene(scene, monkeypatch):
     """Whatever is not known by then to be simpler is modelled in full."""
     still = pnp_sci.simulate(np.repeat(scene.truth[:, :1], scene.masks.shape[1], 1), scene.masks)
-    assert solve(still, scene.masks, "flow", iterations=1, time_budget=60).scene["still"]
+    assert solve(still, scene.masks, "flow", iterations=1, time_budget=600).scene["still"]
     monkeypatch.setattr("pnp_sci.api.JUDGING", 0.0)
-    result = solve(still, scene.masks, "flow", iterations=1, time_budget=60)
+    result = solve(still, scene.masks, "flow", iterations=1, time_budget=600)
     assert result.scene["frames_modelled"] == result.scene["frames"]
 
 

@@ -165,7 +165,7 @@ def test_evidence_counts_standard_errors_of_what_is_shown():
     assert _evidence(errors, 0 * shown, hidden) == 0
 
 
-def test_a_gain_beyond_chance_is_its_standard_error():
+def test_a_gain_beyond_chance_is_two_standard_errors():
     noise = np.random.default_rng(0).standard_normal(1000)
     noise -= noise.mean()
     error = noise.std() / np.sqrt(1000)

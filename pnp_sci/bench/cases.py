@@ -116,5 +116,5 @@ def _from_file(file: str) -> datasets.Scene:
         return datasets.Scene(file, y, masks, None, None)
     truth = io.read_video(file, len(masks), "x")
     if (largest := white("x", truth.dtype)) != 1:
-        y, truth = y / largest, truth / largest
+        y, truth = y / np.float32(largest), truth / np.float32(largest)
     return datasets.Scene(file, y, masks, truth, None)
