@@ -203,10 +203,14 @@ def _beyond_chance(simple: np.ndarray, other: np.ndarray) -> bool:
 
 
 def _beyond(simple: SceneModel, other: SceneModel, op: SensingOperator, x: np.ndarray) -> np.ndarray:
-    """What each view of y (V, H, W) has from an estimate x of the other model that the simple one cannot show."""
+    """What each view of y (V, H, W) has from an estimate x of the other model that the simple one cannot show.
+
+    Freed of what it would have through masks of their mean everywhere, which errors may follow without any chance.
+    """
     video = other.expand(x, op.shape)
     beyond = video - simple.expand(simple.restrict(video), op.shape)
-    return np.einsum("vbhw,vbhw->vhw", op.masks, beyond)
+    even = np.einsum("vb,vbhw->vhw", op.masks.mean((2, 3), dtype=np.float64), beyond)
+    return np.einsum("vbhw,vbhw->vhw", op.masks, beyond) - even
 
 
 def _evidence(errors: np.ndarray, shown: np.ndarray, hidden: np.ndarray) -> float:
