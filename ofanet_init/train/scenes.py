@@ -88,8 +88,13 @@ class Scenes:
         return self.bytes[base + (time * rows + row) * columns + column].float() / 255
 
 
-def random_masks(random: torch.Generator, shape: tuple[int, int, int, int, int]) -> torch.Tensor:
-    """Masks (N, V, B, H, W): for each sample a random pattern that moves from frame to frame and from view to view."""
+def random_masks(
+    random: torch.Generator, shape: tuple[int, int, int, int, int], independent: bool = False
+) -> torch.Tensor:
+    """Masks (N, V, B, H, W): for each sample a random pattern that moves from frame to frame and from view to view.
+
+    Or, `independent`, random patterns that have nothing in common.
+    """
     samples, views, frames, rows, columns = shape
     device = random.device
 
@@ -98,7 +103,7 @@ def random_masks(random: torch.Generator, shape: tuple[int, int, int, int, int])
 
     density = torch.where(uniform(samples) < 0.5, 0.5, 0.3 + 0.4 * uniform(samples))[:, None, None, None, None]
     closed = torch.where(uniform(samples) < LEAK, 0.2 * uniform(samples), 0.0)[:, None, None, None, None]
-    if uniform(1).item() < INDEPENDENT:
+    if independent:
         return torch.where(uniform(*shape) < density, 1.0, closed)
     span = max(rows, columns) + 64  # the pattern is a torus: where it ends, it begins again
     pattern = uniform(samples, span, span)
@@ -127,7 +132,8 @@ def batch(scenes: Scenes, seed: int, rank: int, step: int, shape: tuple[int, int
     samples, views, frames, size = shape[:4]
     random = generator(scenes.device, seed, rank, step)
     truth = scenes.crops(random, samples * views, frames, size).unflatten(0, (samples, views))
-    masks = random_masks(random, shape)
+    independent = np.random.default_rng([seed, rank, step]).random() < INDEPENDENT  # no wait for the device
+    masks = random_masks(random, shape, independent)
     y = (masks * truth).sum((1, 2))
     level = torch.rand(samples, 2, device=scenes.device, generator=random)
     part = torch.where(level[:, 0] < NOISY, LOUDEST * level[:, 1] ** 2, 0)

@@ -27,7 +27,7 @@ log = logging.getLogger(__name__)
 
 AGREE = 20  # steps between two looks of all processes at the first one's clock
 WARM_UP = 0.01  # of the budget
-DECAY = 0.999  # of the moving average; less in the beginning, see `moving_average`
+DECAY = 0.999  # of the moving average; less in the beginning, see `share`
 DECAYED = 1e-4  # part of the rate by which each step shrinks the weights
 OPTIMIZERS = ("adam", "muon")
 SCHEDULES: dict[str, Callable[[float], float]] = {  # part of the budget that is spent -> part of the highest rate
@@ -148,12 +148,12 @@ class Clock:
         return min(lasted, 5 * statistics.median(self.recent))
 
 
-def moving_average(averaged: torch.Tensor, current: torch.Tensor, steps: torch.Tensor | int) -> torch.Tensor:
-    """Move `averaged` towards `current` by ``9 / (9 + steps)`` of the way, and never by less than ``1 - DECAY``.
+def share(steps: int) -> float:
+    """Which part of the way the moving average goes after so many steps: ``9 / (9 + steps)``, at least ``1 - DECAY``.
 
     So it forgets the first steps, far from anything useful, in a short training too.
     """
-    return averaged.lerp(current, max(1 - DECAY, 9 / (9 + int(steps))))
+    return max(1 - DECAY, 9 / (9 + steps))
 
 
 def optimizers(network: torch.nn.Module, budget: Budget) -> list[torch.optim.Optimizer]:
@@ -175,14 +175,18 @@ class Trainer:
     def __init__(self, task: Task, budget: Budget, place: Place):
         self.task, self.budget, self.place = task, budget, place
         self.network = task.network.to(place.device, memory_format=torch.channels_last)  # type: ignore[call-overload]
-        self.average = AveragedModel(self.network, avg_fn=moving_average)
+        self.progress = Progress()
+        self.average = AveragedModel(self.network, multi_avg_fn=self._move)
         self.optimizers = optimizers(self.network, budget)
         if place.device.type == "cuda":  # on the CPU compiling takes longer than it saves
             torch.backends.cudnn.benchmark = True
             for module in task.compiled:
                 module.compile()
         self.model = DistributedDataParallel(self.network) if place.world > 1 else self.network
-        self.progress = Progress()
+
+    def _move(self, averaged: Sequence[torch.Tensor], current: Sequence[torch.Tensor], _count: object) -> None:
+        """Move the averaged weights; `_count`, the steps, may lie on the device, and to read it would wait for that."""
+        torch._foreach_lerp_(averaged, current, share(self.progress.step))
 
     def done(self) -> float:
         """Part of the budget that is spent, the same in all processes."""

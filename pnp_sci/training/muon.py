@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections import defaultdict
-from collections.abc import Iterable
+from collections.abc import Iterable, Sequence
 
 import torch
 
@@ -34,19 +34,20 @@ class Muon(torch.optim.Optimizer):
                 if kernel.grad is not None:
                     alike[kernel.shape].append(kernel)
             for shape, kernels in alike.items():
-                moves = orthogonal(torch.stack([self._move(kernel).flatten(1) for kernel in kernels]))
+                moves = orthogonal(torch.stack(self._momenta(kernels)).flatten(2))
                 rate = group["lr"] * ADAM * math.sqrt(max(moves.shape[1:]))
-                for kernel, move in zip(kernels, moves):
-                    kernel.mul_(1 - group["lr"] * group["weight_decay"]).sub_(rate * move.view(shape))
+                torch._foreach_mul_(kernels, 1 - group["lr"] * group["weight_decay"])
+                torch._foreach_sub_(kernels, moves.view(-1, *shape).unbind(), alpha=rate)
 
-    def _move(self, kernel: torch.Tensor) -> torch.Tensor:
-        """The gradient with Nesterov's momentum."""
-        assert kernel.grad is not None
-        state = self.state[kernel]
-        if not state:
-            state["momentum"] = torch.zeros_like(kernel)
-        mean = state["momentum"].lerp_(kernel.grad, 1 - MOMENTUM)
-        return kernel.grad.lerp(mean, MOMENTUM)
+    def _momenta(self, kernels: list[torch.Tensor]) -> Sequence[torch.Tensor]:
+        """Their gradients with Nesterov's momentum."""
+        gradients = [kernel.grad for kernel in kernels if kernel.grad is not None]
+        for kernel in kernels:
+            if not self.state[kernel]:
+                self.state[kernel]["momentum"] = torch.zeros_like(kernel)
+        means = [self.state[kernel]["momentum"] for kernel in kernels]
+        torch._foreach_lerp_(means, gradients, 1 - MOMENTUM)
+        return torch._foreach_lerp(gradients, means, MOMENTUM)
 
 
 def orthogonal(matrices: torch.Tensor) -> torch.Tensor:
