@@ -27,6 +27,7 @@ log = logging.getLogger(__name__)
 
 AGREE = 20  # steps between two looks of all processes at the first one's clock
 WARM_UP = 0.01  # of the budget
+Tensors = list[torch.Tensor] | tuple[torch.Tensor, ...]
 DECAY = 0.999  # of the moving average; less in the beginning, see `share`
 DECAYED = 1e-4  # part of the rate by which each step shrinks the weights
 OPTIMIZERS = ("adam", "muon")
@@ -184,9 +185,9 @@ class Trainer:
                 module.compile()
         self.model = DistributedDataParallel(self.network) if place.world > 1 else self.network
 
-    def _move(self, averaged: Sequence[torch.Tensor], current: Sequence[torch.Tensor], _count: object) -> None:
+    def _move(self, averaged: Tensors, current: Tensors, _count: object) -> None:
         """Move the averaged weights; `_count`, the steps, may lie on the device, and to read it would wait for that."""
-        torch._foreach_lerp_(averaged, current, share(self.progress.step))
+        torch._foreach_lerp_(averaged, current, share(self.progress.step))  # type: ignore[attr-defined]
 
     def done(self) -> float:
         """Part of the budget that is spent, the same in all processes."""

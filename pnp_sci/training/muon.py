@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections import defaultdict
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable
 
 import torch
 
@@ -36,18 +36,18 @@ class Muon(torch.optim.Optimizer):
             for shape, kernels in alike.items():
                 moves = orthogonal(torch.stack(self._momenta(kernels)).flatten(2))
                 rate = group["lr"] * ADAM * math.sqrt(max(moves.shape[1:]))
-                torch._foreach_mul_(kernels, 1 - group["lr"] * group["weight_decay"])
-                torch._foreach_sub_(kernels, moves.view(-1, *shape).unbind(), alpha=rate)
+                torch._foreach_mul_(kernels, 1 - group["lr"] * group["weight_decay"])  # type: ignore[attr-defined]
+                torch._foreach_sub_(kernels, moves.view(-1, *shape).unbind(), alpha=rate)  # type: ignore[attr-defined]
 
-    def _momenta(self, kernels: list[torch.Tensor]) -> Sequence[torch.Tensor]:
+    def _momenta(self, kernels: list[torch.Tensor]) -> list[torch.Tensor]:
         """Their gradients with Nesterov's momentum."""
         gradients = [kernel.grad for kernel in kernels if kernel.grad is not None]
         for kernel in kernels:
             if not self.state[kernel]:
                 self.state[kernel]["momentum"] = torch.zeros_like(kernel)
         means = [self.state[kernel]["momentum"] for kernel in kernels]
-        torch._foreach_lerp_(means, gradients, 1 - MOMENTUM)
-        return torch._foreach_lerp(gradients, means, MOMENTUM)
+        torch._foreach_lerp_(means, gradients, 1 - MOMENTUM)  # type: ignore[attr-defined]
+        return list(torch._foreach_lerp(gradients, means, MOMENTUM))  # type: ignore[attr-defined]
 
 
 def orthogonal(matrices: torch.Tensor) -> torch.Tensor:
