@@ -88,9 +88,7 @@ class Scenes:
         return self.bytes[base + (time * rows + row) * columns + column].float() / 255
 
 
-def random_masks(
-    random: torch.Generator, shape: tuple[int, int, int, int, int], independent: bool = False
-) -> torch.Tensor:
+def random_masks(random: torch.Generator, shape: tuple[int, int, int, int, int], independent: bool) -> torch.Tensor:
     """Masks (N, V, B, H, W): for each sample a random pattern that moves from frame to frame and from view to view.
 
     Or, `independent`, random patterns that have nothing in common.
