@@ -1,9 +1,11 @@
 """Milliseconds of OFaNet for one measurement of 256 x 256, two views of ten frames: networks and whole decoders.
 
 python benchmarks/ofanet_latency.py [DEVICE]
+
+Laps take turns; printed are median, range and the ratio to the first row. The decoders run the network once with each
+view first and take the mean (see docs/ofanet.md), and estimate noise and scene model besides.
 """
 
-import statistics
 import sys
 import time
 from functools import partial
@@ -21,15 +23,13 @@ LAPS = 10
 
 
 def milliseconds(call, place):
-    """Median of LAPS laps after two that load and compile."""
-    laps = []
-    for _ in range(2 + LAPS):
-        started = time.perf_counter()
+    """One lap."""
+    started = time.perf_counter()
+    with running(place):
         call()
-        if place.type == "cuda":
-            torch.cuda.synchronize(place)
-        laps.append(1000 * (time.perf_counter() - started))
-    return statistics.median(laps[2:])
+    if place.type == "cuda":
+        torch.cuda.synchronize(place)
+    return 1000 * (time.perf_counter() - started)
 
 
 def main(device):
@@ -38,15 +38,19 @@ def main(device):
     op, y = SensingOperator(scene.masks.astype(np.float32)), scene.y.astype(np.float32)
     network = ready(_weights.load(_weights.FOLDER / "v2b10.safetensors")[0], place)
     tensors = [torch.from_numpy(a)[None].to(place) for a in (y, op.masks)]
+    calls = {
+        "network, DA&DNS": partial(network, *tensors, refine=False),
+        "network, 1 pass of refine net": partial(network, *tensors, passes=1),
+        "network, 2 passes": partial(network, *tensors, passes=2),
+        "decoder ofanet-fast": partial(ofanet_fast, op, y, device=device),
+        "decoder ofanet": partial(ofanet, op, y, device=device),
+    }
+    # after two rounds that load weights and compile kernels
+    laps = np.array([[milliseconds(call, place) for call in calls.values()] for _ in range(2 + LAPS)])[2:]
     print(torch.cuda.get_device_name(place) if place.type == "cuda" else "CPU")
-    with running(place):
-        print(f"forward pass of DA&DNS       {milliseconds(partial(network, *tensors, refine=False), place):8.1f} ms")
-        for passes in (1, 2):
-            taken = milliseconds(partial(network, *tensors, passes=passes), place)
-            print(f"forward pass, {passes} refining    {taken:8.1f} ms")
-    for decoder in (ofanet_fast, ofanet):
-        taken = milliseconds(partial(decoder, op, y, device=device), place)
-        print(f"decoder {decoder.__name__:<12} {taken:16.1f} ms")
+    for name, own in zip(calls, laps.T):
+        ratio = np.median(own / laps[:, 0])
+        print(f"{name:30} {np.median(own):8.1f} ms ({own.min():.1f} to {own.max():.1f}), {ratio:5.1f} times the first")
 
 
 if __name__ == "__main__":

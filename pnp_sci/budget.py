@@ -88,8 +88,7 @@ def recommend(
     -------
     Recommendation
         Its ``arguments`` go to :func:`pnp_sci.solve`. Seconds are scaled to this machine by timing a few iterations,
-        those of networks by timing a few convolutions where the results say how quick these were (those of the package
-        do not yet).
+        those of networks by timing a few convolutions, where the results say how quick these were.
 
     Raises
     ------

@@ -103,6 +103,7 @@ def test_demo_in_a_process_scores_and_shows_two_views(tmp_path):
     assert [view for view, _, _ in scores] == ["1", "2"]
     assert all(float(psnr) > 15 for _, psnr, _ in scores)
     assert re.search(r"[\d.]+ seconds for \d+ iterations: the ", done.stdout)
+    assert re.search(r"[\d.]+ seconds the first time", done.stdout)
     assert sorted(os.listdir(tmp_path)) == ["demo.mp4", "demo.png"]
     assert "Written: demo.png, demo.mp4" in done.stdout
     assert io.read(tmp_path / "demo.mp4").shape == (10, 64, 128)

@@ -268,7 +268,7 @@ def test_stages_one_after_the_other(folder, tmp_path):
         state = torch.load(out / "checkpoint.pt", weights_only=True)
         assert state["progress"]["step"] == 2
         written, prefix = model.state_dict(), "flow." if stage == "flow" else ""
-        average = {prefix + key[7:]: value for key, value in state["average"].items() if key.startswith("module.")}
+        average = {prefix + key: value for key, value in state["average"].items()}
         assert same({key: written[key] for key in average}, {key: v.half().float() for key, v in average.items()})
         curves = (out / "curves.csv").read_text().splitlines()
         assert curves[0] == "step,minutes,loss," + heads.get(stage, heads["dns"])

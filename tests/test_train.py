@@ -132,7 +132,7 @@ def test_resume_refuses_another_run(folder, tmp_path):
     state = torch.load(tmp_path / "checkpoint.pt", weights_only=True)
     state["network"]["of an earlier version"] = state["network"].popitem()[1]
     torch.save(state, tmp_path / "checkpoint.pt")
-    with pytest.raises(FormatError, match="had other layers"):
+    with pytest.raises(FormatError, match="had other names"):
         train(folder, tmp_path, steps=2, resume=True)
 
 
@@ -158,6 +158,37 @@ def test_muon_moves_every_kernel_by_its_rate():
     for kernel in kernels:
         assert (kernel * kernel.grad).sum() < 0, "downhill"
         assert kernel.square().mean().sqrt().item() == pytest.approx(0.2 * 0.01, rel=0.4)
+
+
+def test_muon_moves_kernels_together_as_each_alone():
+    """With momentum and decay over three steps, and wherever their channels lie in memory."""
+    random = torch.Generator().manual_seed(0)
+    starts, *gradients = torch.randn(4, 2, 8, 16, 3, 3, generator=random)
+    together = [torch.nn.Parameter(k.contiguous(memory_format=torch.channels_last)) for k in starts]
+    alone = [torch.nn.Parameter(k.clone()) for k in starts]
+    optimizers = [muon.Muon(together, 0.01, 0.1), *(muon.Muon([k], 0.01, 0.1) for k in alone)]
+    for pair in gradients:
+        for k, gradient in enumerate(pair):
+            together[k].grad, alone[k].grad = gradient.clone(memory_format=torch.channels_last), gradient
+        for optimizer in optimizers:
+            optimizer.step()
+    for one, other in zip(together, alone):
+        torch.testing.assert_close(one, other, atol=1e-3, rtol=0)
+    assert not torch.allclose(together[0], starts[0], atol=1e-2)
+
+
+def test_average_of_the_weights(folder, tmp_path):
+    """After n steps it moves by 9 / (9 + n) of the way to the weights, first all of it."""
+    material = clips.split(clips.load_clips([folder]))
+    denoising = task.Denoising("ffdnet", *material, task.Sample(1, 1, 16), 0, tmp_path / "weights.safetensors", "")
+    trainer = loop.Trainer(denoising, loop.Budget(tmp_path, steps=3), loop.Place.here("cpu"))
+    expected = 0
+    for steps in range(3):
+        trainer.step(0.5)
+        weight = next(trainer.network.parameters()).detach().clone()
+        expected = expected + 9 / (9 + steps) * (weight - expected)
+        torch.testing.assert_close(next(trainer.average.parameters()), expected)
+    assert not torch.equal(weight, expected)
 
 
 @pytest.mark.parametrize("optimizer", loop.OPTIMIZERS)

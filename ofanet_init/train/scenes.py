@@ -91,7 +91,7 @@ class Scenes:
 def random_masks(random: torch.Generator, shape: tuple[int, int, int, int, int], independent: bool) -> torch.Tensor:
     """Masks (N, V, B, H, W): for each sample a random pattern that moves from frame to frame and from view to view.
 
-    Or, `independent`, random patterns that have nothing in common.
+    If `independent`, each frame has a random pattern of its own.
     """
     samples, views, frames, rows, columns = shape
     device = random.device
@@ -105,11 +105,13 @@ def random_masks(random: torch.Generator, shape: tuple[int, int, int, int, int],
         return torch.where(uniform(*shape) < density, 1.0, closed)
     span = max(rows, columns) + 64  # the pattern is a torus: where it ends, it begins again
     pattern = uniform(samples, span, span)
-    camera = (uniform(samples) < CAMERA)[:, None]
+    camera = uniform(samples) < CAMERA
     step = ((2 * REACH + 1) * uniform(samples, 2)).floor() - REACH
     shift = ((2 * SHIFT + 1) * uniform(samples, 2)).floor() - SHIFT
-    step = torch.where(camera, step.new_tensor([1, -1]), step).long()
-    shift = torch.where(camera, step.new_tensor([15, -18]), shift.long())
+    step, shift = (
+        torch.stack([torch.where(camera, its, own) for its, own in zip(moves, drawn.unbind(1))], 1).long()
+        for moves, drawn in (((1, -1), step), ((15, -18), shift))
+    )
     v = torch.arange(views, device=device)[None, :, None, None]
     b = torch.arange(frames, device=device)[None, None, :, None]
     moved = v * shift[:, None, None] + b * step[:, None, None]  # (N, V, B, 2)
@@ -130,7 +132,8 @@ def batch(scenes: Scenes, seed: int, rank: int, step: int, shape: tuple[int, int
     samples, views, frames, size = shape[:4]
     random = generator(scenes.device, seed, rank, step)
     truth = scenes.crops(random, samples * views, frames, size).unflatten(0, (samples, views))
-    independent = np.random.default_rng([seed, rank, step]).random() < INDEPENDENT  # no wait for the device
+    # drawn on the host, since to read it from the device would wait for that
+    independent = np.random.default_rng([seed, rank, step, 1]).random() < INDEPENDENT
     masks = random_masks(random, shape, independent)
     y = (masks * truth).sum((1, 2))
     level = torch.rand(samples, 2, device=scenes.device, generator=random)

@@ -10,6 +10,7 @@ import statistics
 import time
 from collections import deque
 from collections.abc import Callable, Sequence
+from copy import deepcopy
 from dataclasses import dataclass, field
 from datetime import timedelta
 from pathlib import Path
@@ -18,7 +19,6 @@ from typing import Protocol
 import torch
 from torch import distributed
 from torch.nn.parallel import DistributedDataParallel
-from torch.optim.swa_utils import AveragedModel
 
 from ..errors import FormatError
 from .muon import Muon
@@ -27,7 +27,6 @@ log = logging.getLogger(__name__)
 
 AGREE = 20  # steps between two looks of all processes at the first one's clock
 WARM_UP = 0.01  # of the budget
-Tensors = list[torch.Tensor] | tuple[torch.Tensor, ...]
 DECAY = 0.999  # of the moving average; less in the beginning, see `share`
 DECAYED = 1e-4  # part of the rate by which each step shrinks the weights
 OPTIMIZERS = ("adam", "muon")
@@ -150,9 +149,10 @@ class Clock:
 
 
 def share(steps: int) -> float:
-    """Which part of the way the moving average goes after so many steps: ``9 / (9 + steps)``, at least ``1 - DECAY``.
+    """Part of the way to the current weights that their average goes after so many steps: ``9 / (9 + steps)`` or more.
 
-    So it forgets the first steps, far from anything useful, in a short training too.
+    It is 1 in the first step and ``1 - DECAY`` at least. So the average forgets the first steps, far from anything
+    useful, in a short training too.
     """
     return max(1 - DECAY, 9 / (9 + steps))
 
@@ -177,17 +177,13 @@ class Trainer:
         self.task, self.budget, self.place = task, budget, place
         self.network = task.network.to(place.device, memory_format=torch.channels_last)  # type: ignore[call-overload]
         self.progress = Progress()
-        self.average = AveragedModel(self.network, multi_avg_fn=self._move)
+        self.average = deepcopy(self.network).requires_grad_(False)
         self.optimizers = optimizers(self.network, budget)
         if place.device.type == "cuda":  # on the CPU compiling takes longer than it saves
             torch.backends.cudnn.benchmark = True
             for module in task.compiled:
                 module.compile()
         self.model = DistributedDataParallel(self.network) if place.world > 1 else self.network
-
-    def _move(self, averaged: Tensors, current: Tensors, _count: object) -> None:
-        """Move the averaged weights; `_count`, the steps, may lie on the device, and to read it would wait for that."""
-        torch._foreach_lerp_(averaged, current, share(self.progress.step))  # type: ignore[attr-defined]
 
     def done(self) -> float:
         """Part of the budget that is spent, the same in all processes."""
@@ -208,13 +204,15 @@ class Trainer:
             for group in optimizer.param_groups:
                 group["lr"] = max(self.budget.rate * SCHEDULES[self.budget.schedule](done), 1e-6)
             optimizer.step()
-        self.average.update_parameters(self.network)
+        averaged, current = (list(net.parameters()) for net in (self.average, self.network))
+        with torch.no_grad():
+            torch._foreach_lerp_(averaged, current, share(self.progress.step))  # type: ignore[attr-defined]
         self.progress.step += 1
         return loss.detach()
 
     def validate(self) -> list[float]:
         """Mean scores of the averaged weights, NaN where there is no case; the processes share the cases."""
-        total = self.task.validate(self.average.module, self.place).to(self.place.device)
+        total = self.task.validate(self.average, self.place).to(self.place.device)
         if self.place.world > 1:
             distributed.all_reduce(total)
         return (total[:-1] / total[-1]).tolist()
@@ -239,7 +237,7 @@ class Trainer:
             writer = csv.writer(file)
             writer.writerow(["step", "minutes", "loss", *self.task.scores])
             writer.writerows(self.progress.rows)
-        self.task.publish(self.average.module, self.progress, self.place)
+        self.task.publish(self.average, self.progress, self.place)
 
     def resume(self) -> None:
         """Continue where the checkpoint in the output folder stands."""
@@ -257,7 +255,7 @@ class Trainer:
             self.network.load_state_dict(state["network"])
             self.average.load_state_dict(state["average"])
         except RuntimeError as error:
-            raise FormatError(f"resume: the checkpoint is of {earlier}, whose network had other layers") from error
+            raise FormatError(f"resume: the checkpoint is of {earlier}, whose weights had other names") from error
         for optimizer, kept in zip(self.optimizers, state["optimizers"]):
             optimizer.load_state_dict(kept)
         self.progress = Progress(**state["progress"])

@@ -32,16 +32,16 @@ class Muon(torch.optim.Optimizer):
             alike = defaultdict(list)
             for kernel in group["params"]:
                 if kernel.grad is not None:
-                    alike[kernel.shape].append(kernel)
-            for shape, kernels in alike.items():
-                moves = orthogonal(torch.stack(self._momenta(kernels)).flatten(2))
+                    alike[kernel.shape].append((kernel, kernel.grad))
+            for shape, pairs in alike.items():
+                kernels, gradients = (list(part) for part in zip(*pairs))
+                moves = orthogonal(torch.stack(self._momenta(kernels, gradients)).flatten(2))
                 rate = group["lr"] * ADAM * math.sqrt(max(moves.shape[1:]))
                 torch._foreach_mul_(kernels, 1 - group["lr"] * group["weight_decay"])  # type: ignore[attr-defined]
                 torch._foreach_sub_(kernels, moves.view(-1, *shape).unbind(), alpha=rate)  # type: ignore[attr-defined]
 
-    def _momenta(self, kernels: list[torch.Tensor]) -> list[torch.Tensor]:
-        """Their gradients with Nesterov's momentum."""
-        gradients = [kernel.grad for kernel in kernels if kernel.grad is not None]
+    def _momenta(self, kernels: list[torch.Tensor], gradients: list[torch.Tensor]) -> list[torch.Tensor]:
+        """The gradients with Nesterov's momentum."""
         for kernel in kernels:
             if not self.state[kernel]:
                 self.state[kernel]["momentum"] = torch.zeros_like(kernel)
