@@ -1,9 +1,11 @@
 """The ablation table of the OFaNet paper at an equal, small training budget: PSNR in dB of every variant.
 
-PNP_SCI_DATA=... python benchmarks/ablation.py MINUTES
+PNP_SCI_DATA=... python benchmarks/ablation.py MINUTES [refine]
 
 Of its MINUTES each variant trains its separator for the one half and everything for the other, from random weights but
-for the flow net: that is pre-trained once, for a quarter of them, as the paper's is. Runs stay in runs/ablation.
+for the flow net: that is pre-trained once, for a quarter of them, as the paper's is. With `refine` the variants of the
+refine net alone: all MINUTES for it and the flow net, behind the separator of the weights that come with the package,
+and with their flow net to begin with. Runs stay in runs/ablation.
 """
 
 import csv
@@ -29,7 +31,7 @@ REFINES = {"W/o OF": "--flow none", "W/o Br": "--flow forward", "W/o JT": "--fro
 def train(name, stage, minutes, options="", *starts):
     """Weights after that stage; a run that has ended stays as it is."""
     out = RUNS / f"{minutes:g}-minutes" / name.replace("/", "").replace(" ", "-").lower()
-    options += " --crop 64 --batch 2 --window 4" if stage == "joint" else " --crop 96 --batch 4"
+    options += " --crop 96 --batch 4" if stage in ("dns", "flow") else " --crop 64 --batch 2 --window 4"
     options += " --optimizer muon --schedule cosine --rate 0.001 --validations 1"
     command = [sys.executable, "-m", "ofanet_init.train", "--stage", stage, "--minutes", minutes, "--out", out]
     command += [*options.split(), "--data", DATA / "train_video", "--data", DATA / "train_still"]
@@ -40,21 +42,23 @@ def train(name, stage, minutes, options="", *starts):
 
 
 def scores(weights):
-    """Parameters in millions, PSNR on the trainer's held-out clips, and on the six videos of the three pairs."""
+    """Parameters in millions; PSNR of separator and whole on the trainer's held-out clips, and on the three pairs."""
     with open(weights.with_name("curves.csv"), newline="") as file:
-        held_out = float(list(csv.DictReader(file))[-1]["psnr_refined"])
+        last = list(csv.DictReader(file))[-1]
     network, _ = _weights.load(weights)
     pairs = []
     for name in PAIRS:
         scene = pnp_sci.datasets.dualview(name)
         y, masks = (torch.from_numpy(np.float32(a))[None] for a in (scene.y, scene.masks))
         with torch.inference_mode(), mixed_precision(torch.device("cpu")):
-            video = network(y, masks).refined[0].float().numpy()
-        pairs.append(np.mean(pnp_sci.psnr(video, scene.truth)))
-    return sum(p.numel() for p in network.parameters()) / 1e6, held_out, np.mean(pairs)
+            videos = network(y, masks)
+        pairs.append([np.mean(pnp_sci.psnr(video[0].float().numpy(), scene.truth)) for video in videos])
+    millions = sum(p.numel() for p in network.parameters()) / 1e6
+    return millions, float(last["psnr_first"]), float(last["psnr_refined"]), *np.mean(pairs, 0)
 
 
-def main(minutes):
+def whole_models(minutes):
+    """Weights of every variant, all from the beginning."""
     half = minutes / 2
     flow = train("flow", "flow", minutes / 4)
     separator = train("separator", "dns", half)
@@ -64,11 +68,26 @@ def main(minutes):
         variants[name] = train(name, "joint", half, option, flow, own)
     for name, option in REFINES.items():
         variants[name] = train(name, "joint", half, option, flow, separator)
-    variants["OFaNet"] = train("OFaNet", "joint", half, "", flow, separator)
-    print("| variant | million parameters | held-out clips | three pairs |\n|---|---|---|---|")
+    return variants | {"OFaNet": train("OFaNet", "joint", half, "", flow, separator)}
+
+
+def refine_nets(minutes):
+    """Weights of the variants of the refine net, behind the package's separator."""
+    network, _ = _weights.load(_weights.FOLDER / "v2b10.safetensors")
+    network.refiners = torch.nn.ModuleList()
+    RUNS.mkdir(parents=True, exist_ok=True)
+    _weights.save(RUNS / "start.safetensors", network)
+    options = REFINES | {"OFaNet": ""}
+    return {n: train(f"refine {n}", "refine", minutes, o, RUNS / "start.safetensors") for n, o in options.items()}
+
+
+def main(minutes, which=""):
+    variants = (refine_nets if which == "refine" else whole_models)(float(minutes))
+    print("| variant | million parameters | held-out clips: separator | whole | three pairs: separator | whole |")
+    print("|---|---|---|---|---|---|")
     for name, weights in variants.items():
-        print("| {} | {:.2f} | {:.2f} | {:.2f} |".format(name, *scores(weights)))
+        print("| {} | {:.2f} | {:.2f} | {:.2f} | {:.2f} | {:.2f} |".format(name, *scores(weights)))
 
 
 if __name__ == "__main__":
-    main(float(sys.argv[1]))
+    main(*sys.argv[1:])
