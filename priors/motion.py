@@ -13,7 +13,7 @@ from pnp_sci.threads import Pool
 
 from . import _flow_kernels as averages
 from . import _match_kernels as matches
-from ._still_kernels import spread, tie
+from ._still_kernels import spread, sureness, tie
 
 SMALLEST = 32  # pixels a side that optical flow needs
 BLUR = 0.7  # pixels: of the pictures that flow is estimated from
@@ -187,8 +187,8 @@ def _at_rest(pilot: np.ndarray, pairs: np.ndarray, distance: np.ndarray, rest: f
     """How surely each pixel of frames that have been averaged (B, H, W) shows the same in all of them, 0 to 1.
 
     ``exp(-(s^2 + 9 e) / rest^2)``, s the standard deviation along time; e is by how much squared differences of frames
-    far apart are smaller along the flow, `distance` (P, H, W): a slow motion shows there before it does in s. With
-    ``rest = 0`` nothing is still.
+    far apart are smaller along the flow, `distance` (P, H, W): a slow motion shows there before it does in s. Dark
+    pixels need to be stiller, see :func:`priors._still_kernels.sureness`. With ``rest = 0`` nothing is still.
     """
     import cv2
 
@@ -198,11 +198,10 @@ def _at_rest(pilot: np.ndarray, pairs: np.ndarray, distance: np.ndarray, rest: f
     far = int(steps.max())
     apart = cv2.GaussianBlur(np.mean((pilot[far:] - pilot[:-far]) ** 2, 0), (0, 0), 1.2)  # much as `distance` is
     gained = cv2.GaussianBlur(apart - distance[np.abs(steps) == far].mean(0), (0, 0), 1.0)
-    variance = np.empty_like(pilot[0])
-    spread(pilot, variance)
-    variance = cv2.GaussianBlur(variance, (0, 0), 0.75)
-    with np.errstate(under="ignore"):  # what surely moves
-        return np.exp(-(variance + MOVES * np.maximum(gained, 0)) / rest**2).astype(np.float32)
+    brightness, variance = np.empty((2, *pilot.shape[1:]), pilot.dtype)
+    spread(pilot, brightness, variance)
+    brightness, variance = (cv2.GaussianBlur(a, (0, 0), width) for a, width in ((brightness, 1.5), (variance, 0.75)))
+    return sureness(variance + MOVES * np.maximum(gained, 0), brightness, rest).astype(np.float32)
 
 
 def _enlarged(motion: Motion, height: int, width: int) -> Motion:

@@ -59,7 +59,7 @@ class TV:
     still : bool
         With ``time="auto"`` and a sigma up to 0.25, from the 40th call on: pixels whose standard deviation along time,
         looked at in every twentieth call, is below 0.03 and, with 20 frames of all views or more, 0.4 `w`, less with
-        fewer, become the mean of all frames, wholly where it is 0.
+        fewer and where they are darker than 1/2, become the mean of all frames, wholly where it is 0.
 
     Raises
     ------
@@ -214,13 +214,14 @@ def time_weights(view: np.ndarray) -> np.ndarray:
 def at_rest(view: np.ndarray, rest: float) -> np.ndarray:
     """How surely each pixel of a view (B, H, W) shows the same in all frames, 0 to 1, (H, W).
 
-    ``exp(-(s / rest)^2)``, s the standard deviation along time, squared and averaged over some three pixels around.
+    ``exp(-(s / rest)^2)``, s the standard deviation along time, squared and averaged over some three pixels around;
+    dark pixels need to be stiller, see :func:`priors._still_kernels.sureness`.
     """
     from scipy.ndimage import gaussian_filter
 
-    from ._still_kernels import spread
+    from ._still_kernels import spread, sureness
 
-    variance = np.empty_like(view[0])
-    spread(view, variance)
-    with np.errstate(under="ignore"):  # what surely moves
-        return np.exp(-gaussian_filter(variance, 1.5, mode="nearest") / rest**2)
+    brightness, variance = np.empty((2, *view.shape[1:]), view.dtype)
+    spread(view, brightness, variance)
+    brightness, variance = (gaussian_filter(a, 1.5, mode="nearest") for a in (brightness, variance))
+    return sureness(variance, brightness, rest)

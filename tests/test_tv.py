@@ -231,13 +231,15 @@ def half_still(frames=10):
 
 
 def test_what_stands_still_is_seen():
-    """1 where frames are alike, 0 where they are not; ``exp(-1)`` where they differ by `rest`."""
+    """1 where frames are alike, 0 where they are not; ``exp(-1)`` where they differ by `rest`, or less in the dark."""
     v = half_still()
     still = at_rest(v[0], 0.02)
     assert still[:, :24].min() > 0.99
     assert np.median(still[:, 36:]) < 0.01
     rows = np.array([-1, 1] * 4)[:, None, None] * np.full((8, 16, 16), 0.02)
-    np.testing.assert_allclose(at_rest(rows, 0.02), np.exp(-1), rtol=1e-6)
+    for brightness, exponent in ((0.5, 1), (0.9, 1), (0.25, 4), (0.05, 100)):
+        np.testing.assert_allclose(at_rest(brightness + rows, 0.02), np.exp(-exponent), rtol=1e-5)
+    assert at_rest(0 * rows, 0.02).min() == 1, "black in every frame"
 
 
 def test_still_pixels_take_their_mean():
