@@ -5,7 +5,7 @@ PNP_SCI_DATA=... python benchmarks/ablation.py MINUTES [refine]
 Of its MINUTES each variant trains its separator for the one half and everything for the other, from random weights but
 for the flow net: that is pre-trained once, for a quarter of them, as the paper's is. With `refine` the variants of the
 refine net alone: all MINUTES for it and the flow net, behind the separator of the weights that come with the package,
-and with their flow net to begin with. Runs stay in runs/ablation.
+and with their flow net to begin with, which has learned together with a refine net before. Runs stay in runs/ablation.
 """
 
 import csv
@@ -81,8 +81,8 @@ def refine_nets(minutes):
     return {n: train(f"refine {n}", "refine", minutes, o, RUNS / "start.safetensors") for n, o in options.items()}
 
 
-def main(minutes, which=""):
-    variants = (refine_nets if which == "refine" else whole_models)(float(minutes))
+def main(minutes, which="whole"):
+    variants = {"whole": whole_models, "refine": refine_nets}[which](float(minutes))
     print("| variant | million parameters | held-out clips: separator | whole | three pairs: separator | whole |")
     print("|---|---|---|---|---|---|")
     for name, weights in variants.items():

@@ -2,8 +2,8 @@
 
 python benchmarks/ofanet_latency.py [DEVICE]
 
-Laps take turns; printed are median, range and the ratio to the first row. The decoders run the network once with each
-view first and take the mean (see docs/ofanet.md), and estimate noise and scene model besides.
+Laps take turns; printed are median and range of the milliseconds, and of the ratio to the first row. The decoders run
+the separator once with each view first and estimate the noise; `ofanet` also judges the scene, on the CPU.
 """
 
 import sys
@@ -49,8 +49,9 @@ def main(device):
     laps = np.array([[milliseconds(call, place) for call in calls.values()] for _ in range(2 + LAPS)])[2:]
     print(torch.cuda.get_device_name(place) if place.type == "cuda" else "CPU")
     for name, own in zip(calls, laps.T):
-        ratio = np.median(own / laps[:, 0])
-        print(f"{name:30} {np.median(own):8.1f} ms ({own.min():.1f} to {own.max():.1f}), {ratio:5.1f} times the first")
+        values = ((np.median(a), a.min(), a.max()) for a in (own, own / laps[:, 0]))
+        words = ["{:8.1f} ({:.1f} to {:.1f})".format(*of) for of in values]
+        print(f"{name:30} {words[0]} ms, {words[1]} times the first")
 
 
 if __name__ == "__main__":

@@ -72,7 +72,7 @@ def demo(out: Path, size: int) -> None:
     result, seconds = timed(False)
     _print_scores(result.x, scene.truth)
     click.echo(f"{seconds:.2f} seconds for {result.history[-1].iteration} iterations: {result.status.value}")
-    click.echo(f"({first:.2f} seconds the first time, when kernels are loaded and, once on a machine, compiled.)")
+    click.echo(f"({first:.2f} seconds the first time, when kernels are loaded and, in a new installation, compiled.)")
     out.mkdir(parents=True, exist_ok=True)
     result.plot(reference=scene.truth).savefig(out / "demo.png", dpi=110)
     result.export(out / "demo.mp4")

@@ -13,7 +13,7 @@ from pnp_sci.threads import Pool
 
 from . import _flow_kernels as averages
 from . import _match_kernels as matches
-from ._still_kernels import spread, sureness, tie
+from ._still_kernels import mean_and_variance, sureness, tie
 
 SMALLEST = 32  # pixels a side that optical flow needs
 BLUR = 0.7  # pixels: of the pictures that flow is estimated from
@@ -37,7 +37,7 @@ CERTAIN = 0.3
 # against standing still. Chosen together with REST of the priors on 18 videos of 192 x 192 pixels, 11 of the validation
 # and 7 of the training, of cameras that stand still and that move. `flow` gains 0.2 dB in the mean, `video` 0.08; up to
 # 1.5 and 0.9 where most stands still, 2.7 with one view of 8 frames; none lost more than 0.02, and with SMOOTH one
-# 0.1. 4 and 25 are nearly as good.
+# 0.1 (before dark pixels had lower limits). 4 and 25 are nearly as good.
 MOVES = 9
 
 
@@ -199,7 +199,7 @@ def _at_rest(pilot: np.ndarray, pairs: np.ndarray, distance: np.ndarray, rest: f
     apart = cv2.GaussianBlur(np.mean((pilot[far:] - pilot[:-far]) ** 2, 0), (0, 0), 1.2)  # much as `distance` is
     gained = cv2.GaussianBlur(apart - distance[np.abs(steps) == far].mean(0), (0, 0), 1.0)
     brightness, variance = np.empty((2, *pilot.shape[1:]), pilot.dtype)
-    spread(pilot, brightness, variance)
+    mean_and_variance(pilot, brightness, variance)
     brightness, variance = (cv2.GaussianBlur(a, (0, 0), width) for a, width in ((brightness, 1.5), (variance, 0.75)))
     return sureness(variance + MOVES * np.maximum(gained, 0), brightness, rest).astype(np.float32)
 

@@ -32,7 +32,8 @@ TIME_NOISY, LOUD = 0.15, 0.25
 # value, and calls between two looks. On 18 videos (11 of the validation, 7 of the training), some of cameras that stand
 # still, two views of 10 frames gain 0.2 dB in the mean, up to 0.7, and lose 0.03 at worst; half as much again gains 0.3
 # and loses 0.2. Two views of 6 gain 0.1; one of 8 gains 0.02 and loses 0.02 at worst, with as much as 20 frames have
-# 0.5. Without a bound moving ones lose up to 0.7 dB with noise of 0.1 of max(y).
+# 0.5. Without a bound moving ones lose up to 0.7 dB with noise of 0.1 of max(y). (All
+# before dark pixels had lower limits.)
 REST, REST_FRAMES, REST_MOST, LOOK = 0.02, 20, 0.03, 20
 
 
@@ -58,8 +59,9 @@ class TV:
         Penalise the length of the gradient (True) or the sum of its absolute parts (False).
     still : bool
         With ``time="auto"`` and a sigma up to 0.25, from the 40th call on: pixels whose standard deviation along time,
-        looked at in every twentieth call, is below 0.03 and, with 20 frames of all views or more, 0.4 `w`, less with
-        fewer and where they are darker than 1/2, become the mean of all frames, wholly where it is 0.
+        looked at in every twentieth call, is below a limit become the mean of all frames, wholly where it is 0. The
+        limit is 0.4 `w` with 20 frames of all views or more, less with fewer, and 0.03 at most; where the mean is below
+        1/2, it is in proportion less.
 
     Raises
     ------
@@ -219,9 +221,9 @@ def at_rest(view: np.ndarray, rest: float) -> np.ndarray:
     """
     from scipy.ndimage import gaussian_filter
 
-    from ._still_kernels import spread, sureness
+    from ._still_kernels import mean_and_variance, sureness
 
     brightness, variance = np.empty((2, *view.shape[1:]), view.dtype)
-    spread(view, brightness, variance)
+    mean_and_variance(view, brightness, variance)
     brightness, variance = (gaussian_filter(a, 1.5, mode="nearest") for a in (brightness, variance))
     return sureness(variance, brightness, rest)

@@ -92,6 +92,18 @@ def test_what_stands_still_is_told_from_what_moves_however_slowly():
     assert np.median(measure(np.stack(slow) + noise, 3, 0.1, 1.5, rest=0.03).still[textured]) < 0.05
 
 
+@pytest.mark.parametrize("brightness", [0.1, 0.6])
+def test_before_a_dark_ground_less_is_motion(brightness):
+    """A square that differs by a third of its ground and goes by is seen in both; the ground beside it stands still."""
+    view = np.full((10, 64, 64), brightness, np.float32)
+    for b in range(10):
+        view[b, 20:40, 4 * b : 4 * b + 20] *= 2 / 3
+    view += 0.002 * np.random.default_rng(0).standard_normal(view.shape).astype(np.float32)
+    still = measure(view, 3, 0.1, 1.5, rest=0.03).still
+    assert np.median(still[24:36, 12:52]) < 0.05
+    assert np.median(still[48:]) > 0.7
+
+
 def test_still_pixels_become_the_mean_of_all_frames():
     """And by as much as they are still."""
     view = np.random.default_rng(0).standard_normal((8, 40, 50)).astype(np.float32)

@@ -132,7 +132,7 @@ def test_resume_refuses_another_run(folder, tmp_path):
     state = torch.load(tmp_path / "checkpoint.pt", weights_only=True)
     state["network"]["of an earlier version"] = state["network"].popitem()[1]
     torch.save(state, tmp_path / "checkpoint.pt")
-    with pytest.raises(FormatError, match="had other names"):
+    with pytest.raises(FormatError, match="do not fit"):
         train(folder, tmp_path, steps=2, resume=True)
 
 

@@ -108,7 +108,7 @@ def random_masks(random: torch.Generator, shape: tuple[int, int, int, int, int],
     camera = uniform(samples) < CAMERA
     step = ((2 * REACH + 1) * uniform(samples, 2)).floor() - REACH
     shift = ((2 * SHIFT + 1) * uniform(samples, 2)).floor() - SHIFT
-    step, shift = (
+    step, shift = (  # plain numbers in `where`: a tensor made here would wait for the device
         torch.stack([torch.where(camera, its, own) for its, own in zip(moves, drawn.unbind(1))], 1).long()
         for moves, drawn in (((1, -1), step), ((15, -18), shift))
     )
@@ -132,7 +132,7 @@ def batch(scenes: Scenes, seed: int, rank: int, step: int, shape: tuple[int, int
     samples, views, frames, size = shape[:4]
     random = generator(scenes.device, seed, rank, step)
     truth = scenes.crops(random, samples * views, frames, size).unflatten(0, (samples, views))
-    # drawn on the host, since to read it from the device would wait for that
+    # drawn on the host, which would have to wait for the device; 1: not the numbers that choose the window
     independent = np.random.default_rng([seed, rank, step, 1]).random() < INDEPENDENT
     masks = random_masks(random, shape, independent)
     y = (masks * truth).sum((1, 2))

@@ -149,10 +149,10 @@ class Clock:
 
 
 def share(steps: int) -> float:
-    """Part of the way to the current weights that their average goes after so many steps: ``9 / (9 + steps)`` or more.
+    """Part of the way to the current weights that their average moves in a step which so many have preceded.
 
-    It is 1 in the first step and ``1 - DECAY`` at least. So the average forgets the first steps, far from anything
-    useful, in a short training too.
+    It is ``9 / (9 + steps)``, ``1 - DECAY`` at least, and 1 in the first step. So the average forgets the first steps,
+    far from anything useful, in a short training too.
     """
     return max(1 - DECAY, 9 / (9 + steps))
 
@@ -177,6 +177,7 @@ class Trainer:
         self.task, self.budget, self.place = task, budget, place
         self.network = task.network.to(place.device, memory_format=torch.channels_last)  # type: ignore[call-overload]
         self.progress = Progress()
+        # not torch's AveragedModel, whose count may lie on the device: to read it would wait; no network has buffers
         self.average = deepcopy(self.network).requires_grad_(False)
         self.optimizers = optimizers(self.network, budget)
         if place.device.type == "cuda":  # on the CPU compiling takes longer than it saves
@@ -255,7 +256,7 @@ class Trainer:
             self.network.load_state_dict(state["network"])
             self.average.load_state_dict(state["average"])
         except RuntimeError as error:
-            raise FormatError(f"resume: the checkpoint is of {earlier}, whose weights had other names") from error
+            raise FormatError(f"resume: the checkpoint is of {earlier}, whose weights do not fit") from error
         for optimizer, kept in zip(self.optimizers, state["optimizers"]):
             optimizer.load_state_dict(kept)
         self.progress = Progress(**state["progress"])
