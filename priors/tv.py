@@ -32,8 +32,8 @@ TIME_NOISY, LOUD = 0.15, 0.25
 # value, and calls between two looks. On 18 videos (11 of the validation, 7 of the training), some of cameras that stand
 # still, two views of 10 frames gain 0.2 dB in the mean, up to 0.7, and lose 0.03 at worst; half as much again gains 0.3
 # and loses 0.2. Two views of 6 gain 0.1; one of 8 gains 0.02 and loses 0.02 at worst, with as much as 20 frames have
-# 0.5. Without a bound moving ones lose up to 0.7 dB with noise of 0.1 of max(y). (All
-# before dark pixels had lower limits.)
+# 0.5. Without a bound moving ones lose up to 0.7 dB with noise of 0.1 of max(y).
+# (All before dark pixels had lower limits.)
 REST, REST_FRAMES, REST_MOST, LOOK = 0.02, 20, 0.03, 20
 
 
