@@ -19,7 +19,9 @@ TILE = 96  # pixels a side of the crop on which models are compared
 WINDOW = 48  # pixels a side of what lies in its middle: something small that moves in a still scene is to be found
 HELD_BACK = 0.1  # of the pixels of y, to be predicted
 LEAST, PER_FRAME = 60, 3  # iterations of the quick estimates; with fewer the full model has not shown what it can do
-LOOK = 15  # iterations on all of the picture, that show where the simple model is worst off
+# Iterations on all of the picture, that show where the simple model is worst off: before careful estimates, and before
+# quick ones, where fewer find as much. Before careful ones a dim view that moves would be lost with them.
+LOOK, GLANCE = 15, 8
 EARLY = 20  # ... and mostly that the full one is better
 EVERYWHERE = 0.3  # of the mean squared error, added to that of every window: where both models fit well is no contest
 # Of the full model's squared error beyond the noise, after 20 iterations with TV and more; still scenes have at most
@@ -81,7 +83,7 @@ def judge(
         A moment of ``time.perf_counter``: a model that has not shown by then that it is better is not taken.
     """
     op = problem.op
-    predicts_better = _Comparison(problem, until)
+    predicts_better = _Comparison(problem, until, LOOK if careful else GLANCE)
     chosen = full(op, "every view and frame is needed")
     half, calls = patience(op) // 2, [round(part * patience(op)) for part in CALLS]
     clearly = {patience(op): partial(_at_most, CLEARLY)}
@@ -136,8 +138,8 @@ def view_levels(op: SensingOperator, y: np.ndarray) -> np.ndarray:
 class _Comparison:
     """Models of a scene, compared by how they predict pixels of y that are held back; saturated ones are left out."""
 
-    def __init__(self, problem: Problem, until: float):
-        self.problem, self.until = problem, until
+    def __init__(self, problem: Problem, until: float, look: int):
+        self.problem, self.until, self.look = problem, until, look
         self.hidden = np.random.default_rng(0).random(problem.y.shape) < HELD_BACK
         self.seen = ~self.hidden
         # which pixels are left to be hidden, but for a few
@@ -182,7 +184,7 @@ class _Comparison:
         """Early errors (H, W) and estimates of the whole picture."""
         if model not in self._known:
             op, y, noise = model.reduce(self.problem.op), self.problem.y, self.problem.typical_noise
-            self._known[model] = next(_predictions(op, y, self.seen, noise, make(), LOOK))
+            self._known[model] = next(_predictions(op, y, self.seen, noise, make(), self.look))
         return self._known[model]
 
 
