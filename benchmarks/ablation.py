@@ -18,8 +18,8 @@ import numpy as np
 import torch
 
 import pnp_sci
-from ofanet_init import _weights
-from pnp_sci.inference import mixed_precision
+from ofanet_init import files as _weights
+from pnp_sci.accel.inference import mixed_precision
 
 DATA = Path(os.environ["PNP_SCI_DATA"])
 RUNS = Path("runs/ablation")

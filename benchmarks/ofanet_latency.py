@@ -14,10 +14,10 @@ import numpy as np
 import torch
 
 import pnp_sci
-from ofanet_init import _weights
+from ofanet_init import files as _weights
 from ofanet_init.decoder import ofanet, ofanet_fast
-from pnp_sci.inference import ready, running, usable
-from pnp_sci.operator import SensingOperator
+from pnp_sci.accel.inference import ready, running, usable
+from pnp_sci.sensing.operator import SensingOperator
 
 LAPS = 10
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from torch import nn
 
-from pnp_sci.fusion import Residual
+from pnp_sci.accel.fusion import Residual
 
 SLOPE = 0.1  # of the leaky rectifier between layers; the paper names none
 

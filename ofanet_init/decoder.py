@@ -8,15 +8,14 @@ from functools import cache
 import numpy as np
 import torch
 
-from pnp_sci.defaults import choose_scene
+from ofanet_init import files as _weights
+from ofanet_init.network import OFaNet
+from pnp_sci.accel.inference import ready, running, usable
 from pnp_sci.errors import InputError
-from pnp_sci.inference import ready, running, usable
-from pnp_sci.noise import estimate_noise
-from pnp_sci.operator import SensingOperator
-from pnp_sci.problem import Problem
-
-from . import _weights
-from .network import OFaNet
+from pnp_sci.pipeline.defaults import choose_scene
+from pnp_sci.sensing.noise import estimate_noise
+from pnp_sci.sensing.operator import SensingOperator
+from pnp_sci.sensing.problem import Problem
 
 ROWS = 512  # that the separator decodes at a time: its layers hold several videos' worth of values
 MARGIN = 64  # rows more on either side: none further away has a part in a pixel
@@ -34,7 +33,7 @@ def ofanet(op: SensingOperator, y: np.ndarray, *, device: str | None = None) -> 
     What the network gives is moved to the nearest video that measures y, as far as the noise allows: in the mean that
     can only bring it closer to the scene.
 
-    Where nothing moves in the scene, as :mod:`pnp_sci.judge` finds, the separator's frames are averaged instead.
+    Where nothing moves in the scene, as :mod:`pnp_sci.scene.select` finds, the separator's frames are averaged instead.
     Where the measurement is noisy, flow and refine net go over the video but once. Where the weights hold no refine
     net, the separator decodes alone, and a warning is logged.
 

@@ -7,7 +7,7 @@ import torch
 from torch import nn
 from torch.nn import functional
 
-from .blocks import activation, convolution
+from ofanet_init.blocks import activation, convolution
 
 WIDTHS = (24, 48, 72, 96, 128)  # channels at 1/2, 1/4 ... of the resolution
 COARSEST = 2 ** len(WIDTHS)

@@ -8,11 +8,11 @@ import torch
 from torch import nn
 from torch.nn import functional
 
-from .amplifier import diversity, normalised
-from .config import OFaNetConfig
-from .flow import FlowNet
-from .refine import Refiner
-from .separator import Separator
+from ofanet_init.amplifier import diversity, normalised
+from ofanet_init.config import OFaNetConfig
+from ofanet_init.flow import FlowNet
+from ofanet_init.refine import Refiner
+from ofanet_init.separator import Separator
 
 LOUDER = 10.0  # times: so that the residual is seen beside masks and frames, in whose units it is some hundredths
 

@@ -5,8 +5,8 @@ from __future__ import annotations
 import torch
 from torch import nn
 
-from .blocks import ResidualUnit, chain, convolution, residual_block
-from .flow import warped
+from ofanet_init.blocks import ResidualUnit, chain, convolution, residual_block
+from ofanet_init.flow import warped
 
 HIDDEN = 40  # channels of the memory H
 EVIDENCE = 2  # planes that come with a frame: its mask, and what is left of the measurement, through that mask

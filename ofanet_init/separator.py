@@ -5,7 +5,7 @@ from __future__ import annotations
 import torch
 from torch import nn
 
-from .blocks import activation, chain, convolution, residual_block
+from ofanet_init.blocks import activation, chain, convolution, residual_block
 
 
 class Branch(nn.Module):

@@ -1,5 +1,5 @@
 """``python -m pnp_sci`` is ``pnp-sci``."""
 
-from .cli import main
+from pnp_sci.cli.main import main
 
 main(prog_name="pnp-sci")

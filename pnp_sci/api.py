@@ -17,24 +17,24 @@ from typing import Any
 
 import numpy as np
 
-from . import registry
-from .arguments import Reference, as_plain, describe, first_estimate, make_prior
-from .budget import prior_within
-from .checks import instance, number, one_of, shaped, whole
-from .compose import Stages, first_of, weights_of
-from .defaults import EFFORTS, choose_scene, most_iterations, prior_for
-from .errors import InputError
-from .loop import Limits, iterate, run
-from .masks import views_are_separable
-from .operator import SensingOperator
-from .problem import Problem, check_measurement, check_noise, check_operator, pose
-from .result import History, Record, Result, Status
-from .scene import SceneModel
-from .schedule import contrast, schedule_for
-from .second import mixed
-from .sensor import Sensor, warn_if_saturated
-from .solvers import ALGORITHMS, State
-from .threads import limited
+from pnp_sci._validate import instance, number, one_of, shaped, whole
+from pnp_sci.accel.threads import limited
+from pnp_sci.advice.recommend import prior_within
+from pnp_sci.errors import InputError
+from pnp_sci.masks import views_are_separable
+from pnp_sci.pipeline.blend import mixed
+from pnp_sci.pipeline.defaults import EFFORTS, choose_scene, most_iterations, prior_for
+from pnp_sci.plugins import registry
+from pnp_sci.plugins.combine import Stages, first_of, weights_of
+from pnp_sci.plugins.resolve import Reference, as_plain, describe, first_estimate, make_prior
+from pnp_sci.results.result import History, Record, Result, Status
+from pnp_sci.sensing.operator import SensingOperator
+from pnp_sci.sensing.problem import Problem, check_measurement, check_noise, check_operator, pose
+from pnp_sci.sensing.scene_model import SceneModel
+from pnp_sci.sensing.sensor import Sensor, warn_if_saturated
+from pnp_sci.solvers import ALGORITHMS, State
+from pnp_sci.solvers.iterate import Limits, iterate, run
+from pnp_sci.solvers.plan import contrast, schedule_for
 
 JUDGING = 0.25  # of a time budget, to find out what of a scene has to be modelled
 _log = logging.getLogger("pnp_sci")

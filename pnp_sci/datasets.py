@@ -9,10 +9,10 @@ from pathlib import Path
 
 import numpy as np
 
-from .errors import DataUnavailableError, FormatError, InputError
-from .io import read, read_masks, read_measurement, read_video
-from .masks import moving_masks
-from .simulate import simulate
+from pnp_sci.errors import DataUnavailableError, FormatError, InputError
+from pnp_sci.io import read, read_masks, read_measurement, read_video
+from pnp_sci.masks import moving_masks
+from pnp_sci.sensing.simulate import simulate
 
 DUAL_VIEW_PAIRS = ("bear_blackswan", "bike_bus", "boy_girl", "car-b_car-w", "cow_dog", "hike_hockey")
 SINGLE_VIEW = {"runner": "runner40", "traffic": "traffic48", "drop": "drop40"}

@@ -17,9 +17,9 @@ from uuid import uuid4
 
 import numpy as np
 
-from . import _formats
-from .checks import whole
-from .errors import FormatError, InputError, InputTypeError
+from pnp_sci._validate import whole
+from pnp_sci.errors import FormatError, InputError, InputTypeError
+from pnp_sci.formats import arrays as _formats
 
 _NAMES = {
     "measurement": ("meas", "y", "measurement"),

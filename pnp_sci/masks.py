@@ -7,8 +7,8 @@ from typing import Any
 
 import numpy as np
 
-from .errors import InputError
-from .operator import as_masks
+from pnp_sci.errors import InputError
+from pnp_sci.sensing.operator import as_masks
 
 _SEPARABLE_FROM = (
     0.01  # smallest eigenvalue of the views' Gram matrix: below, noise grows more than 1/sqrt(0.01) = 10 x

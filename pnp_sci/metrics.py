@@ -7,7 +7,7 @@ from typing import Any
 
 import numpy as np
 
-from .errors import InputError, InputTypeError
+from pnp_sci.errors import InputError, InputTypeError
 
 _SSIM_WINDOW = 11  # pixels: a Gaussian of standard deviation 1.5 cut at 3.5 standard deviations
 

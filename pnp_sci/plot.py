@@ -7,12 +7,12 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from .errors import InputError
+from pnp_sci.errors import InputError
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
-    from .result import Result
+    from pnp_sci.results.result import Result
 
 _SHOWN = 6  # frames side by side that are still large enough to judge
 _PANEL = 1.9  # inches

@@ -7,14 +7,13 @@ from pathlib import Path
 
 import numpy as np
 
-from pnp_sci.compose import reset
 from pnp_sci.errors import InputError
-
-from ._learned import Learned, checked
-from .ffdnet import FFDNet
-from .motion import may_show_motion
-from .tv import TV
-from .video import VideoDenoiser
+from pnp_sci.plugins.combine import reset
+from priors.ffdnet import FFDNet
+from priors.motion.measure import may_show_motion
+from priors.networks.denoiser import Learned, checked
+from priors.tv import TV
+from priors.video import VideoDenoiser
 
 # Sigma of the networks, in that of the solver. Image net: with 1 clips of the validation lose too, with 2 the benchmark
 # loses 0.3 dB and the clips gain 0.1. With one frame a view, for still scenes, 1.5 is as good as the best of 1 to 2.3,

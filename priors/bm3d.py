@@ -8,9 +8,8 @@ from typing import Any
 import numpy as np
 
 from pnp_sci.errors import InputError
-
-from . import _bm3d_kernels as kernels
-from .tv import TV
+from priors.kernels import bm3d as kernels
+from priors.tv import TV
 
 FIRST = 30  # calls of TV alone: groups made of an estimate that shows little keep what is wrong with it
 THRESHOLD = 2.7  # standard deviations, as Dabov et al. have it

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from ._learned import Learned
+from priors.networks.denoiser import Learned
 
 
 class FFDNet(Learned):

@@ -8,10 +8,9 @@ from typing import Any
 import numpy as np
 
 from pnp_sci.errors import InputError
-
-from .bm3d import BM3D
-from .motion import SMALLEST, Motion, finished, measure
-from .tv import TV
+from priors.bm3d import BM3D
+from priors.motion.measure import SMALLEST, Motion, finished, measure
+from priors.tv import TV
 
 # Calls of TV alone, cheap beside the others. On validation clips, 128 x 128, and with 30 calls after them, 60 gain 0.1
 # and 0.4 dB in the place of 30 with two views of 10 and 14 frames, with noise of 0.02 0.2 dB, with more noise or one

@@ -136,8 +136,8 @@ class TV:
         ndarray, (V, B, H, W)
             In x's dtype if that is float64, else float32.
         """
-        from ._still_kernels import tie
-        from ._tv_kernels import denoise
+        from priors.kernels.still import tie
+        from priors.kernels.tv import denoise
 
         v = np.asarray(x)
         v = np.ascontiguousarray(v, np.float64 if v.dtype == np.float64 else np.float32)
@@ -204,7 +204,7 @@ def time_weights(view: np.ndarray) -> np.ndarray:
     """
     from scipy.ndimage import uniform_filter
 
-    from ._tv_kernels import activity
+    from priors.kernels.tv import activity
 
     space, change = np.zeros_like(view[0]), np.zeros_like(view[0])
     activity(view, space, change)
@@ -217,11 +217,11 @@ def at_rest(view: np.ndarray, rest: float) -> np.ndarray:
     """How surely each pixel of a view (B, H, W) shows the same in all frames, 0 to 1, (H, W).
 
     ``exp(-(s / rest)^2)``, s the standard deviation along time, squared and averaged over some three pixels around;
-    dark pixels need to be stiller, see :func:`priors._still_kernels.sureness`.
+    dark pixels need to be stiller, see :func:`priors.kernels.still.sureness`.
     """
     from scipy.ndimage import gaussian_filter
 
-    from ._still_kernels import mean_and_variance, sureness
+    from priors.kernels.still import mean_and_variance, sureness
 
     brightness, variance = np.empty((2, *view.shape[1:]), view.dtype)
     mean_and_variance(view, brightness, variance)

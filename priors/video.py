@@ -9,10 +9,9 @@ from pathlib import Path
 import numpy as np
 
 from pnp_sci.errors import InputError
-
-from ._learned import LIMIT, Learned
-from .ffdnet import FFDNet
-from .motion import Motion, finished, may_show_motion, measure
+from priors.ffdnet import FFDNet
+from priors.motion.measure import Motion, finished, may_show_motion, measure
+from priors.networks.denoiser import LIMIT, Learned
 
 NEIGHBOURS = 3  # frames either side that help a frame
 TOLERANCE = 0.85  # difference between a frame and its warped neighbour at which that counts 1/e, in units of sigma

@@ -7,10 +7,11 @@ import pytest
 from scipy.ndimage import gaussian_filter
 
 import pnp_sci
-from pnp_sci import Status, datasets, registry, solve
-from pnp_sci.compose import Joint
-from pnp_sci.defaults import most_iterations
+from pnp_sci import Status, datasets, solve
 from pnp_sci.errors import InputError, InputTypeError, UnknownPluginError
+from pnp_sci.pipeline.defaults import most_iterations
+from pnp_sci.plugins import registry
+from pnp_sci.plugins.combine import Joint
 
 
 @pytest.fixture(scope="module")
@@ -275,7 +276,7 @@ def test_the_time_of_metrics_is_not_the_solvers(scene, monkeypatch):
         time.sleep(0.1)
         return pnp_sci.psnr(x, reference)
 
-    monkeypatch.setattr("pnp_sci.arguments.psnr", slow)
+    monkeypatch.setattr("pnp_sci.plugins.resolve.psnr", slow)
     solve(scene.y, scene.masks, iterations=1)  # compiles
     result = solve(scene.y, scene.masks, iterations=30, tol=0, reference=scene.truth)
     assert result.history[-1].seconds <= result.settings["seconds"] < 3

@@ -7,9 +7,9 @@ from hypothesis import strategies as st
 
 import pnp_sci
 from pnp_sci import datasets
-from pnp_sci.arguments import make_prior
 from pnp_sci.errors import DataUnavailableError, InputError, InputTypeError
-from pnp_sci.schedule import ENOUGH, MORE, Schedule
+from pnp_sci.plugins.resolve import make_prior
+from pnp_sci.solvers.plan import ENOUGH, MORE, Schedule
 from priors.assisted import DEMAND, FIRST, MOST, NOISY, Assisted
 from priors.tv import TV
 
@@ -278,7 +278,7 @@ def test_flow_and_video_together_beat_either():
 
 @pytest.mark.parametrize("effort", ["balanced", "best"])
 def test_auto_without_torch_is_flow(monkeypatch, effort):
-    monkeypatch.setattr("pnp_sci.defaults.find_spec", lambda name: None)
+    monkeypatch.setattr("pnp_sci.pipeline.defaults.find_spec", lambda name: None)
     scene = datasets.embedded_scene(32)
     result = pnp_sci.solve(scene.y, scene.masks, "auto", effort=effort, iterations=2)
     assert result.settings["prior"] == pnp_sci.solve(scene.y, scene.masks, "flow", iterations=2).settings["prior"]

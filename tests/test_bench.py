@@ -8,7 +8,8 @@ import numpy as np
 import pytest
 
 import pnp_sci
-from pnp_sci import bench, budget, datasets, io
+from pnp_sci import bench, datasets, io
+from pnp_sci.advice import recommend as budget
 from pnp_sci.bench import Case, Checkpoint, Method, Results, Row, paper
 from pnp_sci.bench.runner import measure, scores
 from pnp_sci.datasets import DUAL_VIEW_PAIRS

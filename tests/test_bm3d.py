@@ -9,9 +9,9 @@ from skimage.restoration import denoise_nl_means
 import pnp_sci
 from pnp_sci import psnr
 from pnp_sci.errors import InputError
-from priors import _bm3d_kernels as kernels
 from priors.bm3d import BM3D, RENEW, STRENGTH, filtered, groups
 from priors.flow import Flow
+from priors.kernels import bm3d as kernels
 from priors.tv import TV
 
 SIDE, STEP, REACH = kernels.SIDE, kernels.STEP, kernels.REACH

@@ -9,7 +9,8 @@ import pytest
 from test_bench import QUICK, SLOW
 
 import pnp_sci
-from pnp_sci import budget, datasets
+from pnp_sci import datasets
+from pnp_sci.advice import recommend as budget
 from pnp_sci.bench import Method, Results, read
 from pnp_sci.errors import FormatError, InputError
 

@@ -14,11 +14,14 @@ from click.testing import CliRunner
 
 import pnp_sci.api
 import pnp_sci.bench
-from pnp_sci import _formats, cli, io, registry
-from pnp_sci.cli import main
+from pnp_sci import io
+from pnp_sci.cli import main as cli
+from pnp_sci.cli.main import main
 from pnp_sci.datasets import embedded_scene
-from pnp_sci.result import History, Record, Result, Status
-from pnp_sci.simulate import simulate
+from pnp_sci.formats import arrays as _formats
+from pnp_sci.plugins import registry
+from pnp_sci.results.result import History, Record, Result, Status
+from pnp_sci.sensing.simulate import simulate
 
 
 @pytest.fixture
@@ -143,7 +146,7 @@ def test_an_unknown_format_is_refused_before_any_work(monkeypatch, meas, command
 
 
 def test_formats_of_results_are_those_of_the_library():
-    assert set(cli.SAVED) == {".npz", *pnp_sci.result._HDF5}
+    assert set(cli.SAVED) == {".npz", *pnp_sci.results.result._HDF5}
     assert set(cli.ARRAYS) == _formats.CONTAINERS
     assert set(cli.SHOWN) == {*_formats.VIDEO, ".tif", ".tiff", ".png"}
 

@@ -13,14 +13,15 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 import pnp_sci
-from pnp_sci import io, registry
+from pnp_sci import io
 from pnp_sci.bench import Method, Source, compare, filled_start, grid, held_back_score
 from pnp_sci.bench.pareto import HEIGHT, WIDTH, Point, chart, front
 from pnp_sci.bench.report import BUDGET, _encode
-from pnp_sci.cli import main
+from pnp_sci.cli.main import main
 from pnp_sci.datasets import embedded_scene
 from pnp_sci.errors import InputError
-from pnp_sci.result import Result
+from pnp_sci.plugins import registry
+from pnp_sci.results.result import Result
 
 SIZE = 32
 STEPS = 8

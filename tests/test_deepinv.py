@@ -25,7 +25,7 @@ def _import_deepinv():
 
 
 deepinv = _import_deepinv()
-from pnp_sci.deepinv_physics import SensingPhysics  # noqa: E402
+from pnp_sci.sensing.deepinv_physics import SensingPhysics  # noqa: E402
 
 
 @pytest.fixture(autouse=True)

@@ -7,8 +7,8 @@ torch = pytest.importorskip("torch")
 pytest.importorskip("onnxscript")
 onnxruntime = pytest.importorskip("onnxruntime")
 testing = pytest.importorskip("click.testing")
-export = pytest.importorskip("priors.export")
-_weights = pytest.importorskip("priors._weights")
+export = pytest.importorskip("priors.networks.export")
+_weights = pytest.importorskip("priors.networks.files")
 
 
 @pytest.mark.parametrize("name", export.NAMES)

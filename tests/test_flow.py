@@ -9,12 +9,13 @@ from scipy.ndimage import gaussian_filter, gaussian_gradient_magnitude, shift
 import pnp_sci
 from pnp_sci import datasets
 from pnp_sci.errors import InputError
-from priors import assisted, flow, motion
-from priors._flow_kernels import FRACTION
-from priors._match_kernels import choose, consistency, differ, smooth, steady
+from priors import assisted, flow
 from priors.both import Both
 from priors.flow import Flow
-from priors.motion import Motion, _chosen, measure
+from priors.kernels.average import FRACTION
+from priors.kernels.match import choose, consistency, differ, smooth, steady
+from priors.motion import measure as motion
+from priors.motion.measure import Motion, _chosen, measure
 from priors.tv import TV
 
 KINDS = [Flow, *([assisted.video, Both] if find_spec("torch") else [])]

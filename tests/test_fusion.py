@@ -8,7 +8,7 @@ import pytest
 torch = pytest.importorskip("torch")
 from torch import nn  # noqa: E402
 
-fusion = pytest.importorskip("pnp_sci.fusion")
+fusion = pytest.importorskip("pnp_sci.accel.fusion")
 
 
 def fused_layers(network):

@@ -28,9 +28,9 @@ from hypothesis import strategies as st
 
 from pnp_sci import Result, SensingOperator, decode, io, solve
 from pnp_sci.errors import InputError, InputTypeError
-from pnp_sci.result import History, Record, Status
-from pnp_sci.scene import SceneModel
-from pnp_sci.sensor import Sensor
+from pnp_sci.results.result import History, Record, Status
+from pnp_sci.sensing.scene_model import SceneModel
+from pnp_sci.sensing.sensor import Sensor
 
 LONG = "PNP_SCI_FUZZ" in os.environ
 EXAMPLES = int(os.environ.get("PNP_SCI_FUZZ", "600"))

@@ -8,18 +8,19 @@ import pytest
 
 from pnp_sci import datasets
 from pnp_sci.errors import DataUnavailableError, FormatError, InputError, InputTypeError
-from priors import motion, video
+from priors import video
 from priors.ffdnet import FFDNet
-from priors.motion import measure
+from priors.motion import measure as motion
+from priors.motion.measure import measure
 from priors.video import VideoDenoiser
 
 torch = pytest.importorskip("torch")
 save_file = pytest.importorskip("safetensors.torch").save_file
-_inference = pytest.importorskip("priors._inference")
-inference = pytest.importorskip("pnp_sci.inference")
-fusion = pytest.importorskip("pnp_sci.fusion")
-_network = pytest.importorskip("priors._network")
-_weights = pytest.importorskip("priors._weights")
+_inference = pytest.importorskip("priors.networks.runner")
+inference = pytest.importorskip("pnp_sci.accel.inference")
+fusion = pytest.importorskip("pnp_sci.accel.fusion")
+_network = pytest.importorskip("priors.networks.unet")
+_weights = pytest.importorskip("priors.networks.files")
 
 PRIORS = [FFDNet, VideoDenoiser]
 
@@ -268,7 +269,7 @@ def test_torch_is_loaded_at_the_first_call_only():
 
 
 def test_says_what_to_install_without_torch(weights, monkeypatch):
-    monkeypatch.setitem(sys.modules, "priors._inference", None)
+    monkeypatch.setitem(sys.modules, "priors.networks.runner", None)
     with pytest.raises(ImportError, match=r"pnp-sci\[learned\]"):
         FFDNet(weights / "ffdnet")(noise((1, 1, 4, 4)), 0.1)
 

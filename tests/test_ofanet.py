@@ -5,14 +5,14 @@ import pytest
 from scipy.ndimage import gaussian_filter
 
 import pnp_sci
-from pnp_sci import registry
 from pnp_sci.bench import compare, grid
 from pnp_sci.errors import DataUnavailableError, FormatError, InputError
+from pnp_sci.plugins import registry
 
 torch = pytest.importorskip("torch")
 pytest.importorskip("safetensors")
-fusion = pytest.importorskip("pnp_sci.fusion")
-half_precision = pytest.importorskip("pnp_sci.inference").half_precision
+fusion = pytest.importorskip("pnp_sci.accel.fusion")
+half_precision = pytest.importorskip("pnp_sci.accel.inference").half_precision
 amplifier = pytest.importorskip("ofanet_init.amplifier")
 config = pytest.importorskip("ofanet_init.config")
 decoder = pytest.importorskip("ofanet_init.decoder")
@@ -20,7 +20,7 @@ flow = pytest.importorskip("ofanet_init.flow")
 network = pytest.importorskip("ofanet_init.network")
 refine = pytest.importorskip("ofanet_init.refine")
 separator = pytest.importorskip("ofanet_init.separator")
-weights = pytest.importorskip("ofanet_init._weights")
+weights = pytest.importorskip("ofanet_init.files")
 
 VARIANTS = {
     "OFaNet": {},
@@ -425,7 +425,7 @@ def test_a_learned_prior_is_scored_from_the_start_that_it_gets(trained, case, mo
 
 
 def test_without_networks_the_first_estimate_is_a_plain_one(trained, case, monkeypatch):
-    monkeypatch.setattr("pnp_sci.arguments.NETWORK", "not installed")
+    monkeypatch.setattr("pnp_sci.plugins.resolve.NETWORK", "not installed")
     assert pnp_sci.solve(*case, learned, iterations=2).settings["init"] == "adjoint"
 
 

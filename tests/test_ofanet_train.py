@@ -25,7 +25,7 @@ motion = pytest.importorskip("ofanet_init.train.motion")
 network = pytest.importorskip("ofanet_init.network")
 scenes = pytest.importorskip("ofanet_init.train.scenes")
 tasks = pytest.importorskip("ofanet_init.train.tasks")
-weights = pytest.importorskip("ofanet_init._weights")
+weights = pytest.importorskip("ofanet_init.files")
 
 CPU = torch.device("cpu")
 

@@ -11,7 +11,7 @@ from hypothesis.extra.numpy import arrays
 from scipy.sparse.linalg import lsqr
 
 from pnp_sci import SensingOperator, adjoint_mismatch
-from pnp_sci._jit import PARALLEL_FROM
+from pnp_sci.accel.jit import PARALLEL_FROM
 from pnp_sci.errors import InputError, InputTypeError
 
 DTYPES = ["bool", "uint8", "uint16", "int64", "float16", "float32", "float64", ">u2", ">f4", ">f8"]

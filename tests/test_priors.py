@@ -8,7 +8,7 @@ from skimage.restoration import denoise_wavelet
 
 from pnp_sci import psnr
 from pnp_sci.errors import InputError
-from pnp_sci.protocols import Denoiser
+from pnp_sci.plugins.protocols import Denoiser
 from priors.tv import TV
 from priors.wavelet import Wavelet, shrink
 

@@ -4,9 +4,19 @@ import numpy as np
 import pytest
 
 import pnp_sci
-from pnp_sci import SceneModel, SensingOperator, datasets, registry, solve
+from pnp_sci import SceneModel, SensingOperator, datasets, solve
 from pnp_sci.errors import InputError, InputTypeError
-from pnp_sci.judge import CAREFULLY, SURELY, TILE, _at_most, _beyond_chance, _contested_tile, _evidence, view_levels
+from pnp_sci.plugins import registry
+from pnp_sci.scene.select import (
+    CAREFULLY,
+    SURELY,
+    TILE,
+    _at_most,
+    _beyond_chance,
+    _contested_tile,
+    _evidence,
+    view_levels,
+)
 from priors.flow import Flow
 
 
@@ -60,8 +70,10 @@ def test_flow_contradicts_where_tv_makes_too_little_of_a_moving_scene(monkeypatc
     assert not solve(y, masks, "flow", iterations=1).scene["still"]
     moving, frozen = (solve(y, masks, "flow", scene=model) for model in ("auto", SceneModel((True, True), True)))
     assert psnr(moving, truth) > psnr(frozen, truth)
-    monkeypatch.setattr("pnp_sci.judge._at_most", lambda share, *errors: share == CAREFULLY or _at_most(share, *errors))
-    monkeypatch.setattr("pnp_sci.judge._evidence", lambda *given: 0.0)
+    monkeypatch.setattr(
+        "pnp_sci.scene.select._at_most", lambda share, *errors: share == CAREFULLY or _at_most(share, *errors)
+    )
+    monkeypatch.setattr("pnp_sci.scene.select._evidence", lambda *given: 0.0)
     assert solve(y, masks, "flow", iterations=1).scene["still"], "but for what flow says"
 
 
@@ -79,7 +91,7 @@ def test_a_picture_too_small_for_flow_is_judged_as_strictly_as_by_tv(side):
 
 def test_flow_may_find_a_still_scene_that_tv_leaves_open(monkeypatch, scene, still):
     y = pnp_sci.simulate(still, scene.masks)
-    monkeypatch.setattr("pnp_sci.judge.CLEARLY", 0.0)
+    monkeypatch.setattr("pnp_sci.scene.select.CLEARLY", 0.0)
     assert not solve(y, scene.masks, "tv", iterations=1).scene["still"]
     assert solve(y, scene.masks, "flow", iterations=1).scene["still"]
 
@@ -243,7 +255,7 @@ def test_a_view_that_is_not_dropped_stays_in_the_still_model(monkeypatch, scene)
     """A dim second view passes for dark by its level; if y says otherwise it must not vanish by the back door."""
     truth = scene.truth * np.array([1, 0.01], np.float32)[:, None, None, None]
     y = pnp_sci.simulate(truth, scene.masks)
-    monkeypatch.setattr("pnp_sci.judge._Comparison.__call__", lambda _, simple, *rest: simple.nothing_moves)
+    monkeypatch.setattr("pnp_sci.scene.select._Comparison.__call__", lambda _, simple, *rest: simple.nothing_moves)
     assert solve(y, scene.masks, iterations=1).scene["views"] == (True, True)
 
 

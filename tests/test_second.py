@@ -4,10 +4,10 @@ import numpy as np
 import pytest
 
 import pnp_sci
-from pnp_sci import registry
-from pnp_sci.operator import SensingOperator
-from pnp_sci.problem import Problem
-from pnp_sci.second import mixed
+from pnp_sci.pipeline.blend import mixed
+from pnp_sci.plugins import registry
+from pnp_sci.sensing.operator import SensingOperator
+from pnp_sci.sensing.problem import Problem
 
 SHAPE = (2, 4, 32, 32)
 

@@ -8,8 +8,8 @@ from hypothesis import strategies as st
 import pnp_sci
 from pnp_sci.bench import Method, Source, compare
 from pnp_sci.errors import InputError
-from pnp_sci.noise import estimate_noise
-from pnp_sci.sensor import Sensor, looks_saturated
+from pnp_sci.sensing.noise import estimate_noise
+from pnp_sci.sensing.sensor import Sensor, looks_saturated
 
 
 @pytest.fixture(scope="module")

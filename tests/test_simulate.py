@@ -4,7 +4,7 @@ import pytest
 from pnp_sci import io
 from pnp_sci.errors import InputError
 from pnp_sci.masks import random_masks
-from pnp_sci.simulate import simulate
+from pnp_sci.sensing.simulate import simulate
 
 
 @pytest.fixture

@@ -9,10 +9,10 @@ from hypothesis import strategies as st
 
 import pnp_sci
 from pnp_sci import SensingOperator
-from pnp_sci.problem import level
-from pnp_sci.schedule import contrast, schedule_for
+from pnp_sci.sensing.problem import level
 from pnp_sci.solvers import ALGORITHMS, admm_step, gap_step, plain_gap_step, start
 from pnp_sci.solvers.gap import FASTEST, STEADY, TURNING, pace_after
+from pnp_sci.solvers.plan import contrast, schedule_for
 from priors.tv import TRUSTED, TV
 
 

@@ -12,9 +12,9 @@ from threadpoolctl import threadpool_info
 
 import pnp_sci
 from pnp_sci import datasets
+from pnp_sci.accel.threads import limited
 from pnp_sci.errors import InputError
-from pnp_sci.threads import limited
-from priors import motion
+from priors.motion import measure as motion
 
 
 def test_all_are_limited_and_as_before_afterwards():

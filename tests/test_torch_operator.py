@@ -8,7 +8,7 @@ from pnp_sci import SensingOperator, adjoint_mismatch
 from pnp_sci.errors import InputError, InputTypeError
 
 torch = pytest.importorskip("torch")
-Twin = pytest.importorskip("pnp_sci.torch_operator").TorchSensingOperator
+Twin = pytest.importorskip("pnp_sci.sensing.torch_operator").TorchSensingOperator
 
 NO_GPU = pytest.mark.skipif(not torch.cuda.is_available(), reason="no CUDA device")
 DEVICES = ["cpu", pytest.param("cuda", marks=NO_GPU)]

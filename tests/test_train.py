@@ -14,7 +14,7 @@ from pnp_sci.errors import FormatError, InputError
 
 torch = pytest.importorskip("torch")
 pytest.importorskip("safetensors")
-_weights = pytest.importorskip("priors._weights")
+_weights = pytest.importorskip("priors.networks.files")
 clips = pytest.importorskip("pnp_sci.training.clips")
 loop = pytest.importorskip("pnp_sci.training.loop")
 muon = pytest.importorskip("pnp_sci.training.muon")

@@ -7,14 +7,13 @@ from pathlib import Path
 import click
 import torch
 
+from ofanet_init import files as _weights
+from ofanet_init.config import FLOWS, REFINES, OFaNetConfig
+from ofanet_init.network import OFaNet
+from ofanet_init.train.tasks import Flow, Reconstruction, Sample
 from pnp_sci.errors import InputError
 from pnp_sci.training.clips import load_clips, split
 from pnp_sci.training.loop import OPTIMIZERS, SCHEDULES, Budget, Place, launch, train
-
-from .. import _weights
-from ..config import FLOWS, REFINES, OFaNetConfig
-from ..network import OFaNet
-from .tasks import Flow, Reconstruction, Sample
 
 FOLDER = click.Path(exists=True, file_okay=False, path_type=Path)
 PATH = click.Path(path_type=Path)

@@ -9,7 +9,7 @@ import torch
 from pnp_sci.training.loop import Place, Progress
 
 if TYPE_CHECKING:
-    from .tasks import Stage
+    from ofanet_init.train.tasks import Stage
 
 CARD = """# OFaNet for {views} view(s) of {frames} frames
 

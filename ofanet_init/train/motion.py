@@ -5,7 +5,7 @@ from __future__ import annotations
 import torch
 from torch.nn import functional
 
-from ..flow import warped
+from ofanet_init.flow import warped
 
 LARGEST = 12.0  # pixels that anything moves, about
 

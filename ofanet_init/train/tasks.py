@@ -9,19 +9,18 @@ from pathlib import Path
 import numpy as np
 import torch
 
+from ofanet_init import files as _weights
+from ofanet_init.flow import COARSEST, enlarged
+from ofanet_init.network import OFaNet
+from ofanet_init.refine import Cell
+from ofanet_init.train.card import write_card
+from ofanet_init.train.motion import end_point_error, pairs, pyramid_loss
+from ofanet_init.train.scenes import Scenes, batch, generator
+from pnp_sci.accel.inference import mixed_precision
 from pnp_sci.errors import InputError
-from pnp_sci.inference import mixed_precision
 from pnp_sci.masks import moving_masks
 from pnp_sci.training.clips import Clip
 from pnp_sci.training.loop import Place, Progress
-
-from .. import _weights
-from ..flow import COARSEST, enlarged
-from ..network import OFaNet
-from ..refine import Cell
-from .card import write_card
-from .motion import end_point_error, pairs, pyramid_loss
-from .scenes import Scenes, batch, generator
 
 SIZE = 256  # central square of a validation clip
 ALPHA = 1.0  # weight of the separator's loss beside the refined video's, the paper's

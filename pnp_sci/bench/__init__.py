@@ -1,12 +1,12 @@
 """Measure methods: on known scenes, each in a process of its own, or all on one measurement, with or without truth."""
 
-from .cases import Case, expand
-from .comparison import Comparison, Trial, compare
-from .curves import curves, draw, front, front_table
-from .held_back import filled_start, held_back_score
-from .methods import Method, Source, grid
-from .results import Results, read
-from .runner import Checkpoint, Row, as_markdown, run
+from pnp_sci.bench.cases import Case, expand
+from pnp_sci.bench.comparison import Comparison, Trial, compare
+from pnp_sci.bench.curves import curves, draw, front, front_table
+from pnp_sci.bench.held_back import filled_start, held_back_score
+from pnp_sci.bench.methods import Method, Source, grid
+from pnp_sci.bench.results import Results, read
+from pnp_sci.bench.runner import Checkpoint, Row, as_markdown, run
 
 __all__ = [
     "Case",

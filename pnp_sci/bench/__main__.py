@@ -4,9 +4,9 @@ import json
 import sys
 from dataclasses import asdict
 
-from .cases import Case
-from .methods import Method
-from .runner import measure
+from pnp_sci.bench.cases import Case
+from pnp_sci.bench.methods import Method
+from pnp_sci.bench.runner import measure
 
 request = json.loads(sys.argv[1])
 print(json.dumps(asdict(measure(Case(**request["case"]), Method(**request["method"]), request["repeat"]))))

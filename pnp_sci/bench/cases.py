@@ -10,10 +10,10 @@ from pathlib import Path
 
 import numpy as np
 
-from .. import datasets
-from ..checks import white
-from ..errors import InputError
-from ..simulate import simulate
+from pnp_sci import datasets
+from pnp_sci._validate import white
+from pnp_sci.errors import InputError
+from pnp_sci.sensing.simulate import simulate
 
 _SCENES: dict[str, Callable[[], datasets.Scene]] = {
     "embedded": datasets.embedded_scene,
@@ -107,7 +107,7 @@ def expand(
 
 
 def _from_file(file: str) -> datasets.Scene:
-    from .. import io
+    from pnp_sci import io
 
     if not Path(file).exists():
         raise InputError(f"case is {file!r}: a file, or one of these was expected: {', '.join(_SCENES)}")

@@ -10,19 +10,19 @@ from typing import Any
 
 import numpy as np
 
-from .. import api
-from ..arguments import Reference, make_prior
-from ..defaults import choose_scene, prior_for
-from ..errors import InputError
-from ..masks import condition
-from ..operator import as_masks
-from ..problem import check_measurement, check_noise, check_operator, measured, pose
-from ..result import Result
-from ..scene import SceneModel
-from ..sensor import Sensor, warn_if_saturated
-from .held_back import filled_start, held_back_score
-from .methods import Method, Source
-from .runner import machine, scores
+from pnp_sci import api
+from pnp_sci.bench.held_back import filled_start, held_back_score
+from pnp_sci.bench.methods import Method, Source
+from pnp_sci.bench.runner import machine, scores
+from pnp_sci.errors import InputError
+from pnp_sci.masks import condition
+from pnp_sci.pipeline.defaults import choose_scene, prior_for
+from pnp_sci.plugins.resolve import Reference, make_prior
+from pnp_sci.results.result import Result
+from pnp_sci.sensing.operator import as_masks
+from pnp_sci.sensing.problem import check_measurement, check_noise, check_operator, measured, pose
+from pnp_sci.sensing.scene_model import SceneModel
+from pnp_sci.sensing.sensor import Sensor, warn_if_saturated
 
 
 @dataclass(frozen=True, eq=False)
@@ -109,7 +109,7 @@ class Comparison:
 
     def save_html(self, path: str | Path, title: str = "Comparison of reconstructions") -> None:
         """Write a report for the browser: one file that needs nothing else, see :mod:`pnp_sci.bench.report`."""
-        from .report import write
+        from pnp_sci.bench.report import write
 
         write(path, self, title)
 

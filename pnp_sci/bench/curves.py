@@ -6,11 +6,11 @@ from collections.abc import Sequence
 from dataclasses import asdict
 from pathlib import Path
 
-from ..budget import Moment, course
-from ..errors import InputError
-from ..io import _replacing
-from .methods import Method
-from .runner import Row
+from pnp_sci.advice.recommend import Moment, course
+from pnp_sci.bench.methods import Method
+from pnp_sci.bench.runner import Row
+from pnp_sci.errors import InputError
+from pnp_sci.io import _replacing
 
 
 def curves(rows: Sequence[Row]) -> dict[Method, list[Moment]]:

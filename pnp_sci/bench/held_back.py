@@ -7,10 +7,10 @@ from typing import Any
 
 import numpy as np
 
-from ..arguments import first_estimate
-from ..errors import InputError
-from ..operator import SensingOperator
-from ..problem import Problem
+from pnp_sci.errors import InputError
+from pnp_sci.plugins.resolve import first_estimate
+from pnp_sci.sensing.operator import SensingOperator
+from pnp_sci.sensing.problem import Problem
 
 FRACTION = 0.05  # of the pixels of y: on the benchmark pairs, taking them away costs most methods 0.1 to 0.3 dB of PSNR
 

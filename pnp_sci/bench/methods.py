@@ -9,9 +9,9 @@ from itertools import product
 from pathlib import Path
 from typing import Any
 
-from .. import api
-from ..result import Result
-from ..sensor import Sensor
+from pnp_sci import api
+from pnp_sci.results.result import Result
+from pnp_sci.sensing.sensor import Sensor
 
 
 @dataclass(frozen=True)

@@ -9,14 +9,14 @@ from pathlib import Path
 
 import numpy as np
 
-from ..datasets import DUAL_VIEW_PAIRS, SINGLE_VIEW
-from ..errors import DataUnavailableError
-from ..io import _replacing
-from .cases import Case
-from .methods import Method
-from .published import ABLATION, AVERAGE, DUAL_VIEW, FRAMES, NOISE, Table
-from .published import SINGLE_VIEW as SINGLE
-from .runner import Row
+from pnp_sci.bench.cases import Case
+from pnp_sci.bench.methods import Method
+from pnp_sci.bench.published import ABLATION, AVERAGE, DUAL_VIEW, FRAMES, NOISE, Table
+from pnp_sci.bench.published import SINGLE_VIEW as SINGLE
+from pnp_sci.bench.runner import Row
+from pnp_sci.datasets import DUAL_VIEW_PAIRS, SINGLE_VIEW
+from pnp_sci.errors import DataUnavailableError
+from pnp_sci.io import _replacing
 
 OURS = (
     Method("tv"),

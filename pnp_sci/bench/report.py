@@ -13,11 +13,11 @@ import numpy as np
 from jinja2 import Environment, PackageLoader, StrictUndefined
 from PIL import Image
 
-from ..io import _replacing
-from .pareto import Point, chart
+from pnp_sci.bench.pareto import Point, chart
+from pnp_sci.io import _replacing
 
 if TYPE_CHECKING:
-    from .comparison import Comparison
+    from pnp_sci.bench.comparison import Comparison
 
 BUDGET = 10 * 2**20  # bytes of pictures; a third more as base64, so that the file stays below 15 MB
 ENCODINGS = ((1, None), (1, 90), (1, 70), (2, 70), (4, 70), (8, 70))  # shrunk by, WebP quality (None: PNG, no loss)

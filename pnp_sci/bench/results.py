@@ -7,11 +7,11 @@ import json
 from dataclasses import asdict
 from pathlib import Path
 
-from ..errors import FormatError
-from ..io import _replacing
-from .cases import Case
-from .methods import Method
-from .runner import Row
+from pnp_sci.bench.cases import Case
+from pnp_sci.bench.methods import Method
+from pnp_sci.bench.runner import Row
+from pnp_sci.errors import FormatError
+from pnp_sci.io import _replacing
 
 COLUMNS = ("case", "noise", "frames", "prior", "init", "algorithm", "effort", "limit")  # then a checkpoint's own
 

@@ -14,13 +14,13 @@ from typing import Any
 
 import numpy as np
 
-from .. import metrics
-from ..budget import calibrate, calibrate_networks
-from ..datasets import embedded_scene
-from ..errors import SolverError
-from ..result import Record, Result
-from .cases import Case
-from .methods import Method
+from pnp_sci import metrics
+from pnp_sci.advice.recommend import calibrate, calibrate_networks
+from pnp_sci.bench.cases import Case
+from pnp_sci.bench.methods import Method
+from pnp_sci.datasets import embedded_scene
+from pnp_sci.errors import SolverError
+from pnp_sci.results.result import Record, Result
 
 KEPT = 5  # iterations between two checkpoints, after the first ten
 

@@ -1,8 +1,8 @@
-"""Solvers as pure steps: a state goes in, a state comes out; one loop in :mod:`pnp_sci.loop` serves all of them."""
+"""Solvers as pure steps: a state goes in, a state comes out; one loop in :mod:`pnp_sci.solvers.iterate` serves all of them."""
 
-from .admm import admm_step
-from .gap import gap_step, plain_gap_step
-from .state import State, Step, missing, start
+from pnp_sci.solvers.admm import admm_step
+from pnp_sci.solvers.gap import gap_step, plain_gap_step
+from pnp_sci.solvers.state import State, Step, missing, start
 
 ALGORITHMS: dict[str, Step] = {"gap": gap_step, "plain-gap": plain_gap_step, "admm": admm_step}
 

@@ -4,9 +4,9 @@ from __future__ import annotations
 
 import numpy as np
 
-from ..operator import SensingOperator
-from ..protocols import Denoiser
-from .state import State, missing
+from pnp_sci.plugins.protocols import Denoiser
+from pnp_sci.sensing.operator import SensingOperator
+from pnp_sci.solvers.state import State, missing
 
 
 def admm_step(

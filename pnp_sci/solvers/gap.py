@@ -4,9 +4,9 @@ from __future__ import annotations
 
 import numpy as np
 
-from ..operator import SensingOperator
-from ..protocols import Denoiser
-from .state import State, missing
+from pnp_sci.plugins.protocols import Denoiser
+from pnp_sci.sensing.operator import SensingOperator
+from pnp_sci.solvers.state import State, missing
 
 # Chosen on clips of the validation: with up to 5 in the place of 3 `video` and `flow` have with two views what they had
 # some five iterations later, and with one view as much as before, in the mean of their iterates; up to 7 brings no
@@ -53,7 +53,7 @@ def _multiplier(
     saturated: np.ndarray | None,
 ) -> tuple[np.ndarray, np.ndarray]:
     """q' and m of :func:`gap_step` (H, W), 0 in pixels that every mask leaves closed."""
-    from .._kernels import multiplier
+    from pnp_sci.sensing.kernels import multiplier
 
     after, move = (np.empty(dual.shape, op.dtype) for _ in range(2))
     bounds = np.empty(0, bool) if saturated is None else saturated.reshape(-1)

@@ -7,8 +7,8 @@ from typing import Protocol
 
 import numpy as np
 
-from ..operator import SensingOperator
-from ..protocols import Denoiser
+from pnp_sci.plugins.protocols import Denoiser
+from pnp_sci.sensing.operator import SensingOperator
 
 
 @dataclass(frozen=True, eq=False)

@@ -10,7 +10,7 @@ from pathlib import Path
 import cv2
 import numpy as np
 
-from ..errors import FormatError
+from pnp_sci.errors import FormatError
 
 VIDEOS = {".mp4", ".avi", ".mov", ".mkv", ".webm"}
 PHOTOGRAPHS = {".jpg", ".jpeg", ".png", ".bmp", ".tif", ".tiff"}

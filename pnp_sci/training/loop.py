@@ -20,8 +20,8 @@ import torch
 from torch import distributed
 from torch.nn.parallel import DistributedDataParallel
 
-from ..errors import FormatError
-from .muon import Muon
+from pnp_sci.errors import FormatError
+from pnp_sci.training.muon import Muon
 
 log = logging.getLogger(__name__)
 

@@ -8,7 +8,7 @@ from collections.abc import Iterable
 
 import torch
 
-from ..inference import half_precision
+from pnp_sci.accel.inference import half_precision
 
 NEWTON_SCHULZ = (3.4445, -4.7750, 2.0315)  # coefficients of Jordan et al.: singular values to about 0.7..1.2
 ROUNDS = 5

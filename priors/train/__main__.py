@@ -12,11 +12,10 @@ import torch
 from pnp_sci.errors import InputError
 from pnp_sci.training.clips import load_clips, split
 from pnp_sci.training.loop import OPTIMIZERS, Budget, Place, launch, train
-
-from .. import assisted
-from ..motion import SMALLEST
-from .states import Watch
-from .task import Denoising, Sample
+from priors import assisted
+from priors.motion.measure import SMALLEST
+from priors.train.states import Watch
+from priors.train.task import Denoising, Sample
 
 SAMPLES = {"video": Sample(frames=8, batch=1, crop=96), "ffdnet": Sample(frames=1, batch=16, crop=64)}
 PRIORS = {"video": assisted.video, "ffdnet": assisted.ffdnet}

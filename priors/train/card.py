@@ -7,13 +7,12 @@ from typing import TYPE_CHECKING
 import torch
 
 from pnp_sci.training.loop import Place, Progress
-
-from .._network import LIMIT
-from .data import CLIP, FRAME
-from .validation import FRAMES, LEVELS, SIZE
+from priors.networks.unet import LIMIT
+from priors.train.data import CLIP, FRAME
+from priors.train.validation import FRAMES, LEVELS, SIZE
 
 if TYPE_CHECKING:
-    from .task import Denoising
+    from priors.train.task import Denoising
 
 CARD = """# {name}: denoiser of grey {kind}
 

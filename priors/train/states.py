@@ -18,10 +18,9 @@ import torch
 
 import pnp_sci
 from pnp_sci.training.clips import Clip
-
-from .._inference import Runner
-from ..assisted import Assisted
-from .data import Sampler
+from priors.assisted import Assisted
+from priors.networks.runner import Runner
+from priors.train.data import Sampler
 
 # Views and frames of the measurements that are solved, and how often.
 SETUPS = {(2, 10): 0.45, (2, 6): 0.13, (2, 14): 0.1, (1, 8): 0.2, (1, 16): 0.12}

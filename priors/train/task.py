@@ -11,15 +11,14 @@ import torch
 
 from pnp_sci.training.clips import Clip
 from pnp_sci.training.loop import Place, Progress
-
-from .. import _weights
-from .._network import Network
-from ..ffdnet import FFDNet
-from ..video import averaged, see
-from .card import write_card
-from .data import Sampler
-from .states import States, Watch
-from .validation import LEVELS, denoised, psnr
+from priors.ffdnet import FFDNet
+from priors.networks import files as _weights
+from priors.networks.unet import Network
+from priors.train.card import write_card
+from priors.train.data import Sampler
+from priors.train.states import States, Watch
+from priors.train.validation import LEVELS, denoised, psnr
+from priors.video import averaged, see
 
 LEAST = 1e-6  # added to squares: errors below 0.001 are as good as none
 

@@ -7,7 +7,7 @@ from collections.abc import Callable, Sequence
 import numpy as np
 import torch
 
-from pnp_sci.inference import mixed_precision
+from pnp_sci.accel.inference import mixed_precision
 from pnp_sci.training.clips import Clip
 
 Prepare = Callable[[np.ndarray, np.ndarray], tuple[np.ndarray, np.ndarray]]

@@ -1,0 +1,82 @@
+"""What every argument must be before anything is done with it: real numbers, finite, one of a few names."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterable
+from numbers import Integral, Real
+from typing import Any
+
+import numpy as np
+
+from pnp_sci.errors import InputError, InputTypeError
+
+
+def real_array(name: str, value: Any) -> np.ndarray:
+    """`value` as an array of real numbers; raises an InputTypeError that names it."""
+    try:
+        array = np.asarray(value)
+    except Exception as error:  # rows of different lengths, and what each library says of its own arrays
+        raise InputTypeError(f"{name} is no array of numbers: {error}") from error
+    if array.dtype.kind not in "biuf":
+        raise InputTypeError(f"{name} has dtype {array.dtype}: real numbers were expected")
+    return array
+
+
+def shaped(name: str, value: Any, shape: tuple[int, ...], dtype: np.dtype) -> np.ndarray:
+    """`value` as a C-ordered array of this shape and dtype; what is too large for the dtype becomes infinite."""
+    array = real_array(name, value)
+    if array.shape != shape:
+        raise InputError(f"{name} has shape {array.shape}: {shape} was expected, as the masks have it")
+    with np.errstate(over="ignore"):
+        return np.ascontiguousarray(array, dtype)
+
+
+def white(name: str, dtype: np.dtype) -> float:
+    """The value of white in pictures of this dtype: 1 of floats and bool, the largest of uint8 and uint16."""
+    if dtype.kind in "fb":
+        return 1.0
+    if dtype.newbyteorder("=") not in (np.uint8, np.uint16):  # 255 in int64 would be black
+        raise InputTypeError(f"{name} has dtype {dtype}: floats in [0, 1], uint8 or uint16 were expected")
+    return float(np.iinfo(dtype).max)
+
+
+def require_finite(name: str, array: np.ndarray) -> None:
+    """Raise an InputError that says how many values of `array` are NaN or infinite, and where the first is."""
+    if array.dtype.kind == "f" and not np.isfinite(array).all():
+        bad = ~np.isfinite(array)
+        first = tuple(int(i) for i in np.unravel_index(int(np.argmax(bad)), array.shape))
+        raise InputError(
+            f"{name} has {int(bad.sum())} values that are NaN or infinite in {array.dtype}, the first at index "
+            f"{first}: finite values were expected"
+        )
+
+
+def number(name: str, value: Any, expected: str = "a finite number >= 0") -> float:
+    """`value` as a float, finite and >= 0."""
+    try:
+        converted = float(value) if isinstance(value, Real) else math.nan
+    except OverflowError:  # an int that no float can hold
+        converted = math.inf
+    if not 0 <= converted < math.inf:
+        raise InputError(f"{name} is {value!r}: {expected} was expected")
+    return converted
+
+
+def whole(name: str, value: Any, least: int) -> int:
+    """`value` as an int."""
+    if not isinstance(value, Integral) or value < least:
+        raise InputError(f"{name} is {value!r}: a whole number >= {least} was expected")
+    return int(value)
+
+
+def one_of(name: str, value: Any, names: Iterable[str], or_else: str = "") -> None:
+    """Raise an InputError that lists the names there are, if `value` is none of them."""
+    if not isinstance(value, str) or value not in names:
+        raise InputError(f"{name} is {value!r}: one of these was expected: {', '.join(names)}{or_else}")
+
+
+def instance(name: str, value: Any, *kinds: type) -> None:
+    """Raise an InputTypeError if `value` is neither None nor of one of these types."""
+    if value is not None and not isinstance(value, kinds):
+        raise InputTypeError(f"{name} is {value!r}: {' or '.join(kind.__name__ for kind in kinds)} was expected")

@@ -1,0 +1,82 @@
+"""Weights of networks on disk: half-precision safetensors that say what they hold, with the hash of their values.
+
+This module imports torch; nothing in :mod:`pnp_sci` imports it before it is asked for.
+"""
+
+from __future__ import annotations
+
+import hashlib
+import os
+from collections.abc import Mapping
+from pathlib import Path
+
+import torch
+from safetensors import SafetensorError, safe_open
+from safetensors.torch import save as serialise
+
+from pnp_sci.errors import DataUnavailableError, FormatError
+
+
+def fingerprint(tensors: Mapping[str, torch.Tensor]) -> str:
+    """SHA-256 of names, shapes and values, whatever the order of the tensors in the file."""
+    digest = hashlib.sha256()
+    for name in sorted(tensors):
+        digest.update(f"{name} {tuple(tensors[name].shape)}".encode())
+        digest.update(tensors[name].contiguous().cpu().numpy().tobytes())
+    return digest.hexdigest()
+
+
+def save(path: str | Path, tensors: Mapping[str, torch.Tensor], metadata: Mapping[str, str]) -> str:
+    """Write `tensors` and `metadata` to `path`, at once or not at all; return the hash of the values."""
+    halves = {key: value.detach().half().contiguous().cpu() for key, value in tensors.items()}
+    digest = fingerprint(halves)
+    path = Path(path)
+    path.parent.mkdir(parents=True, exist_ok=True)
+    partial = path.with_name(path.name + ".partial")
+    partial.write_bytes(serialise(halves, {**metadata, "sha256": digest}))  # save_file would write for its owner only
+    os.replace(partial, path)
+    return digest
+
+
+def read(path: str | Path, expected: Mapping[str, str], remedy: str) -> tuple[dict[str, torch.Tensor], dict[str, str]]:
+    """Read tensors (float32) and metadata from `path`.
+
+    Parameters
+    ----------
+    path : str or Path
+    expected : mapping
+        Metadata that the file must have, such as ``{"prior": "video"}``.
+    remedy : str
+        The command that makes such a file, for the error if there is none.
+
+    Raises
+    ------
+    DataUnavailableError
+        If there is no such file.
+    FormatError
+        If it is no safetensors file, holds something else, or its values are not those that were saved.
+    """
+    path = Path(path)
+    if not path.is_file():
+        raise DataUnavailableError(f"weights: {path} does not exist; train it with '{remedy}'")
+    try:
+        with safe_open(path, framework="pt") as file:
+            metadata = file.metadata() or {}
+            tensors = {key: file.get_tensor(key) for key in file.keys()}  # noqa: SIM118, not a mapping
+    except SafetensorError as error:
+        raise FormatError(f"weights: {path} is not a safetensors file ({error})") from error
+    for key, value in expected.items():
+        if metadata.get(key) != value:
+            held = metadata.get(key, f"no {key} of this package")
+            raise FormatError(f"weights: {path} holds {held}, but {value} was expected")
+    if metadata.get("sha256") != fingerprint(tensors):
+        raise FormatError(f"weights: the values in {path} do not match their hash: the file is damaged")
+    return {key: value.float() for key, value in tensors.items()}, metadata
+
+
+def fill(network: torch.nn.Module, tensors: Mapping[str, torch.Tensor], path: str | Path) -> None:
+    """Load all of `tensors` into all of `network`, or raise a FormatError naming `path`."""
+    try:
+        network.load_state_dict(dict(tensors), strict=True)
+    except RuntimeError as error:
+        raise FormatError(f"weights: the tensors in {path} do not fit its architecture: {error}") from error

@@ -1,0 +1,1 @@
+"""Which method suits a time budget on this machine."""

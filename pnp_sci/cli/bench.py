@@ -1,0 +1,104 @@
+"""The command ``pnp-sci bench``."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import click
+
+from pnp_sci.cli.inputs import FOLDER, Output, interactive
+from pnp_sci.errors import SolverError
+
+
+def _numbers(kind: type) -> object:
+    """A comma-separated list of numbers, as a callback of click."""
+
+    def parse(context: click.Context, option: click.Parameter, text: str | None) -> list:
+        try:
+            return [kind(word) for word in text.split(",")] if text else [None]
+        except ValueError:
+            raise click.BadParameter(f"{text!r} came, numbers parted by commas were expected") from None
+
+    return parse
+
+
+@click.command()
+@click.option("--cases", default="embedded", show_default=True, help="Scenes, files, dualview, singleview, real; a,b.")
+@click.option("--noise", callback=_numbers(float), help="Measure anew with noise, in parts of the largest y; a,b.")
+@click.option("--frames", callback=_numbers(int), help="Measure anew the first frames of each view; a,b.")
+@click.option("--priors", default="tv", show_default=True, help="Comma-separated; a+b joins two; may be empty.")
+@click.option("--inits", default="auto", show_default=True, help="Comma-separated first estimates.")
+@click.option("--algorithms", default="gap", show_default=True, help="Comma-separated: gap, plain-gap, admm.")
+@click.option("--efforts", default="balanced", show_default=True, help="Comma-separated: fast, balanced, best.")
+@click.option("--decoders", default="", help="Comma-separated networks that decode alone.")
+@click.option("--iterations", type=click.IntRange(min=1), help="At most so many.  [default: as the effort says]")
+@click.option("--repeat", default=1, show_default=True, type=click.IntRange(min=1), help="Timings of each row.")
+@click.option("--paper", is_flag=True, help="The paper's tables instead, ours beside theirs; see docs/results.")
+@click.option(
+    "--out", type=Output(".json"), help="Keep rows in this .json, and a .csv beside it; what is there is not redone."
+)
+@click.option("--markdown", type=FOLDER, help="Write the table; with --paper a folder of tables.")
+@click.option("--curves", type=Output(".svg", ".png", ".pdf"), help="Draw PSNR against seconds: .svg, .png or .pdf.")
+def bench(
+    cases: str,
+    noise: list[float | None],
+    frames: list[int | None],
+    priors: str,
+    inits: str,
+    algorithms: str,
+    efforts: str,
+    decoders: str,
+    iterations: int | None,
+    repeat: int,
+    paper: bool,
+    out: Path | None,
+    markdown: Path | None,
+    curves: Path | None,
+) -> None:
+    """Measure methods on cases: PSNR, SSIM, seconds, peak memory; each row in a process of its own.
+
+    Methods are the --decoders, and all combinations of --priors, --inits, --algorithms and --efforts.
+    """
+    from tqdm.auto import tqdm
+
+    from pnp_sci import bench as table
+    from pnp_sci.bench import paper as tables
+    from pnp_sci.io import _replacing
+
+    if paper:
+        pairs = tables.plan()
+    else:
+        methods = table.grid(
+            _words(priors), _words(inits), _words(algorithms), _words(efforts), iterations, _words(decoders)
+        )
+        pairs = [(case, method) for case in table.expand(_words(cases), noise, frames) for method in methods]
+    results = table.Results(out) if out is not None else None
+    rows, failures = [], []
+    for case, method in tqdm(pairs, "bench", disable=not interactive()):
+        row = results.find(case, method) if results else None
+        try:
+            row = row or table.run(case, method, repeat)
+        except SolverError as error:
+            failures.append(str(error))
+            continue
+        rows.append(row)
+        if results and results.find(case, method) is None:
+            results.add(row)
+    if paper:
+        written = tables.write(markdown or Path("docs/results"), rows)
+        click.echo(f"Written: {', '.join(map(str, written))}")
+    else:
+        click.echo(table.as_markdown(rows))
+        if markdown is not None:
+            with _replacing(markdown) as temporary:
+                temporary.write_text(table.as_markdown(rows) + "\n", encoding="utf-8")
+    if curves is not None:
+        found = table.curves(rows)
+        table.draw(curves, found)
+        click.echo(table.front_table(found))
+    if failures:
+        raise click.ClickException("\n".join(failures))
+
+
+def _words(text: str) -> list[str]:
+    return [word for word in text.split(",") if word]

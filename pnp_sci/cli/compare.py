@@ -1,0 +1,105 @@
+"""The command ``pnp-sci compare``."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import click
+
+from pnp_sci.cli.inputs import FILE, Output, camera, camera_options, interactive, masks_for, one_of, true_video
+
+if TYPE_CHECKING:
+    from pnp_sci.bench import Trial
+
+
+@click.command()
+@click.argument("measurement", type=FILE)
+@click.option("--masks", "masks_file", type=FILE, help="File with the masks.  [default: the measurement's]")
+@click.option("--views", type=click.IntRange(min=1), help="How many views share the planes of the masks.")
+@click.option("--key", help="Name of the measurement in its file, where it cannot be told.")
+@click.option("--masks-key", help="Name of the masks in their file, where it cannot be told.")
+@click.option("--index", type=click.IntRange(min=0), help="Of several measurements, this one (from 0).  [default: 0]")
+@click.option("--truth", "truth_file", type=FILE, help="File with the true video: adds PSNR, SSIM and error maps.")
+@click.option("--priors", default="tv,wavelet,flow", show_default=True, help="Comma-separated; a+b joins two.")
+@click.option("--inits", default="auto", show_default=True, help="Comma-separated first estimates.")
+@click.option("--algorithms", default="gap", show_default=True, help="Comma-separated: gap, plain-gap, admm.")
+@click.option("--efforts", default="balanced", show_default=True, help="Comma-separated: fast, balanced, best.")
+@click.option("--iterations", type=click.IntRange(min=1), help="At most so many.  [default: as the effort says]")
+@camera_options
+@click.option("--device", help="For priors that are networks, such as cuda.")
+@click.option("--seed", default=0, show_default=True, help="For priors that draw random numbers.")
+@click.option("--title", help="Heading of the report.  [default: names the measurement's file]")
+@click.option("--html", "html_file", type=Output(), help="Write a report for the browser, one file.")
+@click.option("--json", "json_file", type=Output(), help="Write the table with all settings as JSON.")
+def compare(
+    measurement: Path,
+    masks_file: Path | None,
+    views: int | None,
+    key: str | None,
+    masks_key: str | None,
+    index: int | None,
+    truth_file: Path | None,
+    priors: str,
+    inits: str,
+    algorithms: str,
+    efforts: str,
+    iterations: int | None,
+    noise: str,
+    gain: float | None,
+    full_scale: float | None,
+    bits: int | None,
+    device: str | None,
+    seed: int,
+    title: str | None,
+    html_file: Path | None,
+    json_file: Path | None,
+) -> None:
+    """Try all combinations of priors, first estimates, algorithms and efforts on MEASUREMENT.
+
+    Prints seconds, residual and a score that needs no truth (higher is better: pixels of the measurement that were
+    kept from a method are predicted); PSNR and SSIM where the truth is given. Exit code 1 if one of them fails; the
+    others are reported all the same.
+    """
+    sensor = camera(noise, gain, full_scale, bits)
+    from pnp_sci import bench, io
+
+    y = io.read_measurement(measurement, key)
+    masks = masks_for(measurement, masks_file, views, masks_key)
+    truth = None if truth_file is None else true_video(truth_file, masks.shape, y.ndim == 3)
+    if y.ndim == 3 or index is not None:
+        index = index or 0
+        y, truth = one_of(y, truth, index)
+    result = bench.compare(
+        y,
+        masks,
+        bench.grid(priors.split(","), inits.split(","), algorithms.split(","), efforts.split(","), iterations),
+        reference=truth,
+        source=bench.Source(measurement, masks_file or measurement, views, key, masks_key, index),
+        progress=interactive(),
+        noise=sensor,
+        seed=seed,
+        device=device,
+    )
+    for trial in result.trials:
+        click.echo(_line(trial))
+    if json_file is not None:
+        json_file.write_text(result.as_json() + "\n", encoding="utf-8")
+    if html_file is not None:
+        result.save_html(html_file, title or f"{measurement.name}: methods compared")
+    if written := [str(file) for file in (html_file, json_file) if file is not None]:
+        click.echo(f"Written: {', '.join(written)}")
+    if failures := [f"{t.method.name}: {t.error}" for t in result.trials if t.error is not None]:
+        raise click.ClickException("\n".join(failures))
+
+
+def _line(trial: Trial) -> str:
+    """A row of the table."""
+    if trial.result is None:
+        return f"{trial.method.name:24s} failed"
+    row = trial.row()
+    truth = "".join(f"PSNR {p:.2f} dB, SSIM {s:.3f}; " for p, s in zip(trial.psnr, trial.ssim))
+    return (
+        f"{row['name']:24s} {truth}score {row['score']:.2f} dB, residual {row['residual']:.4f}, "
+        f"{row['seconds']:.2f} s, {row['iterations_done']} iterations: {row['status']}"
+    )

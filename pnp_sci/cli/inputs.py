@@ -1,0 +1,112 @@
+"""What several commands of ``pnp-sci`` read from the command line and from files."""
+
+from __future__ import annotations
+
+import sys
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import click
+
+from pnp_sci.errors import InputError
+
+if TYPE_CHECKING:
+    from collections.abc import Callable
+
+    import numpy as np
+
+    from pnp_sci.sensing.sensor import Sensor
+
+FILE = click.Path(exists=True, path_type=Path)
+
+
+class Output(click.Path):
+    """A path that something can be written to, in one of these formats: that is known before any work is done."""
+
+    def __init__(self, *suffixes: str):
+        super().__init__(path_type=Path)
+        self.suffixes = suffixes
+
+    def convert(self, value: Any, param: click.Parameter | None, ctx: click.Context | None) -> Any:
+        path = Path(super().convert(value, param, ctx))  # type: ignore[arg-type]
+        if not path.parent.is_dir():
+            self.fail(f"{path}: there is no folder {path.parent}", param, ctx)
+        if self.suffixes and path.suffix.lower() not in self.suffixes:
+            came = path.suffix or "no suffix"
+            self.fail(f"{path}: {came} came, one of these was expected: {', '.join(self.suffixes)}", param, ctx)
+        return path
+
+
+FOLDER = click.Path(path_type=Path)  # made where it is missing
+POSITIVE = click.FloatRange(min=0, min_open=True)
+
+
+def interactive() -> bool:
+    """Whether somebody watches: only then progress is shown."""
+    return sys.stderr.isatty()
+
+
+def camera_options(command: Callable) -> Callable:
+    """The options that :func:`camera` takes, for a command."""
+    noise = "Standard deviation of the noise, with --gain of that in the dark, in units of y; or auto."
+    for option in (
+        click.option("--bits", type=click.IntRange(1, 32), help="Grey levels of the camera, up to --full-scale."),
+        click.option("--full-scale", type=POSITIVE, help="The camera's largest value: pixels there are saturated."),
+        click.option("--gain", type=POSITIVE, help="Units of y an electron, for photon noise.  [default: none]"),
+        click.option("--noise", default="auto", show_default=True, help=noise),
+    ):
+        command = option(command)
+    return command
+
+
+def camera(noise: str, gain: float | None, full_scale: float | None, bits: int | None) -> str | float | Sensor:
+    """What the options of the camera stand for: the `noise` of :func:`pnp_sci.solve`."""
+    try:
+        level = noise if noise == "auto" else float(noise)
+    except ValueError:
+        raise click.BadParameter(f"{noise!r} came, auto or a number was expected", param_hint="--noise") from None
+    if (gain, full_scale, bits) == (None, None, None):
+        return level
+    from pnp_sci.sensing.sensor import Sensor
+
+    try:
+        return Sensor(level, gain or 0.0, full_scale, bits)  # type: ignore[arg-type]
+    except InputError as error:
+        raise click.BadParameter(str(error), param_hint="--noise, --gain, --full-scale, --bits") from error
+
+
+def masks_for(measurement: Path, masks_file: Path | None, views: int | None, key: str | None) -> np.ndarray:
+    """The masks (V, B, H, W) of a measurement: those of `masks_file`, by default of its own file."""
+    from pnp_sci import io
+
+    if masks_file is None and len(io.describe(measurement)) == 1:
+        raise click.UsageError(f"{measurement} holds a single array, no masks beside it: --masks FILE was expected")
+    return io.read_masks(masks_file or measurement, views, key)
+
+
+def true_video(file: Path, shape: tuple[int, ...], several: bool) -> np.ndarray:
+    """The video of masks of this shape, (V, B, H, W), or those of several measurements, (N, V, B, H, W)."""
+    from pnp_sci import io
+
+    views, frames, rows, columns = shape
+    video = io.read_video(file, views)
+    if not several and video.shape == (1, *shape):  # the result of a stack of one
+        return video[0]
+    if several and video.ndim == 5 and video.shape[1:] == shape:
+        return video
+    fits = video.ndim == 4 and video.shape[2:] == (rows, columns) and video.shape[1] % frames == 0
+    if not fits or (not several and video.shape[1] != frames):
+        raise InputError(f"reference has shape {video.shape}, but masks {shape}: the same was expected")
+    return video.reshape(views, -1, frames, rows, columns).swapaxes(0, 1) if several else video
+
+
+def one_of(y: np.ndarray, truth: np.ndarray | None, index: int) -> tuple[np.ndarray, np.ndarray | None]:
+    """The measurement that ``--index`` stands for, and its truth: of those of all measurements, or the only one."""
+    if y.ndim == 2 or index >= len(y):
+        count = 1 if y.ndim == 2 else len(y)
+        raise click.BadParameter(f"{index} came, but the file has {count} measurements", param_hint="--index")
+    if truth is None or len(truth) == 1:
+        return y[index], truth if truth is None else truth[0]
+    if len(truth) != len(y):
+        raise InputError(f"reference has {len(truth)} videos: one, or {len(y)} as there are measurements, was expected")
+    return y[index], truth[index]

@@ -1,0 +1,1 @@
+"""One measurement from start to end: defaults, first estimate, solver, blend and record."""

@@ -1,0 +1,42 @@
+"""A second opinion: a decoder's estimate of a noisy scene, from which the solver has begun, errs otherwise than its."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from pnp_sci.sensing.problem import Problem
+
+# On 17 cases of validation clips of 128 x 128 pixels (two views of 6, 10 and 14 frames, one of 8), on which these three
+# were chosen, `video` gains 0.06 dB with noise of 0.01 of max(y), 0.2 to 0.3 with 0.02 to 0.2, loses 0.035 at worst.
+MOST = 0.5  # that the second opinion counts
+ALIKE = 1.5e-3  # mean squared difference of two estimates that may both be right, in units where the video spans [0, 1]
+QUIET = 0.1  # noise in a pixel of x, ``noise / sqrt(gram)``, with which it counts half of that; the power is 4
+
+
+def mixed(problem: Problem, x: np.ndarray, other: np.ndarray) -> tuple[np.ndarray, list[float]]:
+    """``x + s (other - x)`` of the solver's estimate x and a decoder's, both (V, B, H, W), and s for each view.
+
+    ``s = min(0.5, 0.0015 / d) n^4 / (n^4 + 0.1^4)``, d the mean squared difference of the two and n the noise of y, as
+    known or estimated, in a pixel of x, ``noise / sqrt(gram)``, by all masks also where fewer frames are modelled. As
+    with James and Stein's estimator (1961), what is far away counts little; without noise the solver knows better. What
+    is not finite stays as it is.
+
+    Examples
+    --------
+    >>> from pnp_sci import SensingOperator
+    >>> problem = Problem(SensingOperator(np.ones((1, 2, 8, 8))), np.ones((8, 8)), unit=1.0, noise=1.0)
+    >>> x, shares = mixed(problem, np.zeros((1, 2, 8, 8)), np.full((1, 2, 8, 8), 0.1))
+    >>> round(shares[0], 3), round(float(x.max()), 3)
+    (0.15, 0.015)
+    """
+    gram = float(np.mean(problem.op.gram, dtype=np.float64))
+    if gram == 0 or problem.typical_noise == 0 or not np.isfinite(x).all():
+        return x, [0.0] * len(x)
+    loud = (problem.typical_noise / (QUIET * np.sqrt(gram))) ** 4
+    out, shares = np.empty_like(x), []
+    for view, second, mean in zip(x, other, out):
+        step = second - view
+        apart = float(np.mean(step**2))
+        shares.append(float(ALIKE / max(apart, ALIKE / MOST) * loud / (1 + loud)))
+        np.add(view, step * step.dtype.type(shares[-1]), out=mean)
+    return out, shares

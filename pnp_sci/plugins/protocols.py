@@ -1,0 +1,106 @@
+"""What a prior, the memory it has of one video, and a decoder promise to the solver."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Any, Protocol, runtime_checkable
+
+if TYPE_CHECKING:
+    import numpy as np
+
+    from pnp_sci.sensing.problem import Problem
+    from pnp_sci.sensing.scene_model import SceneModel
+
+
+@dataclass(frozen=True)
+class Traits:
+    """What the solver must know of a prior before the first call.
+
+    Attributes
+    ----------
+    strong : bool
+        One call does much: some tens of calls suffice where a plain prior needs a hundred.
+    network : bool
+        The prior needs PyTorch, and the solver may start from a decoder's estimate.
+    warmup : (Prior, int), optional
+        The prior that serves the first iterations in its place, and how many.
+    serves_below : float
+        Standard deviation above which the warm-up prior goes on serving, in units where x spans [0, 1].
+    average : bool
+        The estimates fluctuate from call to call: the solver returns their mean.
+    """
+
+    strong: bool = False
+    network: bool = False
+    warmup: tuple[Prior, int] | None = None
+    serves_below: float = float("inf")
+    average: bool = False
+
+    @property
+    def plain(self) -> bool:
+        """Whether a call does no more than one of total variation."""
+        return not (self.strong or self.network)
+
+
+@runtime_checkable
+class Session(Protocol):
+    """A prior at work on one video: whatever it remembers from call to call is here."""
+
+    def __call__(self, v: np.ndarray, sigma: float, out: np.ndarray | None = None) -> np.ndarray:
+        """Denoise v.
+
+        Parameters
+        ----------
+        v : ndarray, (V, B, H, W)
+            C-ordered, of the shape and dtype that the session began with; values about [0, 1]. Stays as it is unless
+            it is `out`.
+        sigma : float
+            Standard deviation of the noise in the same units, >= 0.
+        out : ndarray, optional
+            An array of the same shape and dtype, maybe v itself, that the result may be written to.
+
+        Returns
+        -------
+        ndarray, (V, B, H, W)
+            `out`, or another array; the solver copies what is in another one at once. Views must not be mixed.
+        """
+        ...
+
+    def finish(self, x: np.ndarray, sigma: float) -> np.ndarray:
+        """What the solver returns in the place of its last estimate x (V, B, H, W); by default x itself."""
+        return x
+
+    def facts(self) -> Mapping[str, Any]:
+        """What was found on the way, for the record: ``still`` (part of each view), ``weights`` (hashes); JSON only."""
+        return {}
+
+
+@runtime_checkable
+class Prior(Protocol):
+    """What is assumed of a video, seen through a denoiser. Immutable: threads and processes may share one."""
+
+    def traits(self, shape: tuple[int, ...]) -> Traits:
+        """What the solver must know beforehand, for videos (V, B, H, W) of this shape."""
+        return Traits()
+
+    def begin(self, shape: tuple[int, ...], dtype: np.dtype) -> Session:
+        """A new session, for one video of this shape (V, B, H, W) and dtype (float32 or float64)."""
+        ...
+
+
+@runtime_checkable
+class Decoder(Protocol):
+    """Reconstructs a video from its measurement alone; also serves as the solver's first estimate.
+
+    Attributes
+    ----------
+    needs_scene : bool
+        Whether it makes use of the scene model; if not, :func:`pnp_sci.decode` does not look for one.
+    """
+
+    needs_scene: bool
+
+    def __call__(self, problem: Problem, scene: SceneModel) -> np.ndarray:
+        """The video (V, B, H, W) of a measurement, in the problem's units: it spans about [0, 1]."""
+        ...

@@ -1,0 +1,1 @@
+"""What a solver returns: the video, its history and how both are stored."""

@@ -1,0 +1,1 @@
+"""What of a scene must be modelled, decided from its measurement alone."""

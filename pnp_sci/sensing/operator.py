@@ -1,0 +1,197 @@
+"""The sensing operator Phi of snapshot compressive imaging with any number of views."""
+
+from __future__ import annotations
+
+from functools import cached_property
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from pnp_sci._validate import real_array, require_finite, shaped
+from pnp_sci.errors import InputError, InputTypeError
+
+if TYPE_CHECKING:
+    from scipy.sparse.linalg import LinearOperator
+
+
+def as_masks(masks: Any, dtype: np.dtype | None = None) -> np.ndarray:
+    """Masks as a C-ordered native (V, B, H, W) array: bool and uint8 stay one byte, all else becomes floating.
+
+    Raises
+    ------
+    InputError
+        If the array is not (V, B, H, W) or (B, H, W), is empty, or holds NaN or infinite values.
+    InputTypeError
+        If the values are not real numbers.
+    """
+    array = real_array("masks", masks)
+    if array.ndim == 3:
+        array = array[None]
+    if array.ndim != 4 or array.size == 0:
+        raise InputError(f"masks has shape {np.shape(masks)}: (views, frames, rows, columns) was expected, none empty")
+    if array.dtype == bool:
+        return np.ascontiguousarray(array).view(np.uint8)
+    if array.dtype == np.uint8:
+        return np.ascontiguousarray(array)
+    if dtype is None:
+        dtype = np.dtype(np.float64 if array.dtype.type is np.float64 else np.float32)
+    require_finite("masks", array)
+    with np.errstate(over="ignore"):
+        converted = np.ascontiguousarray(array, dtype)
+    require_finite("masks", converted)
+    return converted
+
+
+class SensingOperator:
+    """Phi: a video per view goes in, the one coded picture of all of them comes out.
+
+    ``y = sum over views v and frames b of masks[v, b] * x[v, b]``  (Lu et al., OFaNet, Eq. 1)
+
+    Parameters
+    ----------
+    masks : array_like, (V, B, H, W) or (B, H, W)
+        Transmission of each mask element, any real values; 3-D masks mean a single view. bool and uint8 are kept at
+        one byte an element.
+    dtype : float32 or float64, optional
+        Of videos and measurements. Default: float64 if masks are float64, else float32.
+
+    Attributes
+    ----------
+    masks : ndarray, (V, B, H, W)
+    gram : ndarray, (H, W)
+        The diagonal of Phi Phi^T, ``sum(masks**2)`` over views and frames.
+    shape : tuple
+        (V, B, H, W)
+
+    Raises
+    ------
+    InputError, InputTypeError
+        If masks are not (V, B, H, W) finite real numbers.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> op = SensingOperator(np.ones((2, 3, 4, 5), bool))
+    >>> float(op.forward(np.ones((2, 3, 4, 5)))[0, 0])
+    6.0
+    """
+
+    def __init__(self, masks: Any, dtype: Any = None):
+        if dtype is not None and np.dtype(dtype) not in (np.float32, np.float64):
+            raise InputTypeError(f"dtype is {np.dtype(dtype)}: float32 or float64 was expected")
+        self.masks = as_masks(masks, None if dtype is None else np.dtype(dtype))
+        self.dtype = np.dtype(dtype or (np.float64 if self.masks.dtype == np.float64 else np.float32))
+        self.shape: tuple[int, int, int, int] = self.masks.shape  # type: ignore[assignment]
+
+    def __repr__(self) -> str:
+        views, frames, rows, columns = self.shape
+        return f"SensingOperator({views} x {frames} masks of {rows} x {columns}, {self.masks.dtype} -> {self.dtype})"
+
+    @property
+    def _planes(self) -> np.ndarray:
+        return self.masks.reshape(-1, self.shape[2] * self.shape[3])
+
+    @cached_property
+    def gram(self) -> np.ndarray:
+        """diag(Phi Phi^T), (H, W)."""
+        from pnp_sci.sensing import kernels as _kernels
+
+        total = np.empty(self.shape[2] * self.shape[3], self.dtype)
+        _kernels.gram(self._planes, total)
+        return total.reshape(self.shape[2:])
+
+    def forward(self, x: Any, out: np.ndarray | None = None) -> np.ndarray:
+        """Phi x: the measurement (H, W) of a video (V, B, H, W)."""
+        from pnp_sci.sensing import kernels as _kernels
+
+        x = self._array("x", x, self.shape)
+        y = self._output(out, self.shape[2:])
+        _kernels.forward(self._planes, x.reshape(self._planes.shape), y.reshape(-1))
+        return y
+
+    def adjoint(self, y: Any, out: np.ndarray | None = None) -> np.ndarray:
+        """Phi^T y: (V, B, H, W), the measurement (H, W) seen through each mask."""
+        from pnp_sci.sensing import kernels as _kernels
+
+        y = self._array("y", y, self.shape[2:])
+        x = self._output(out, self.shape)
+        _kernels.adjoint(self._planes, y.reshape(-1), x.reshape(self._planes.shape))
+        return x
+
+    def project(self, x: Any, y: Any, rho: float | np.ndarray = 0.0, out: np.ndarray | None = None) -> np.ndarray:
+        """``x + Phi^T (y - Phi x) / (gram + rho)`` in one fused pass.
+
+        With ``rho = 0`` the Euclidean projection of x onto the videos that measure y; with ``rho > 0`` the minimiser of
+        ``||y - Phi z||^2 + rho ||z - x||^2``. Pixels where ``gram + rho`` is 0 keep their value.
+
+        Parameters
+        ----------
+        x : array_like, (V, B, H, W)
+        y : array_like, (H, W)
+        rho : float or ndarray, (H, W)
+            >= 0, in units of gram: for all pixels, or for each.
+        out : ndarray, optional
+            Where the result goes; may be `x` itself.
+        """
+        from pnp_sci.sensing import kernels as _kernels
+
+        x = self._array("x", x, self.shape)
+        y = self._array("y", y, self.shape[2:])
+        out = self._output(out, self.shape)
+        flat = self._planes.shape
+        weight = self._weight(rho)
+        _kernels.project(self._planes, x.reshape(flat), y.reshape(-1), weight, out.reshape(flat), out is x)
+        return out
+
+    def linear_operator(self) -> LinearOperator:
+        """This operator for :mod:`scipy.sparse.linalg`: vectors are raveled (V, B, H, W) and (H, W) arrays."""
+        from scipy.sparse import linalg
+
+        make: Any = linalg.LinearOperator  # a factory that type checkers take for an abstract class
+        pixels = self.shape[2] * self.shape[3]
+        return make(
+            (pixels, int(np.prod(self.shape))),
+            matvec=lambda x: self.forward(np.reshape(x, self.shape)).ravel(),
+            rmatvec=lambda y: self.adjoint(np.reshape(y, self.shape[2:])).ravel(),
+            dtype=self.dtype,
+        )
+
+    def _weight(self, rho: Any) -> np.ndarray:
+        """1 / (gram + rho), 0 where that is 0 or denormal; that of one rho for all is kept for the next call."""
+        cached = self.__dict__.get("_last_weight")
+        if np.ndim(rho) == 0 and cached is not None and cached[0] == float(rho):
+            return cached[1]
+        rho = self._array("rho", rho, self.shape[2:]) if np.ndim(rho) else float(rho)
+        if not np.min(rho) >= 0:
+            raise InputError(f"rho is {np.min(rho)}: a number >= 0 was expected")
+        total = (self.gram + np.asarray(rho, self.dtype)).reshape(-1)
+        weight = np.divide(1, total, out=np.zeros_like(total), where=total >= np.finfo(self.dtype).tiny)
+        if np.ndim(rho) == 0:
+            self._last_weight = rho, weight
+        return weight
+
+    def _array(self, name: str, value: Any, shape: tuple[int, ...]) -> np.ndarray:
+        return shaped(name, value, shape, self.dtype)
+
+    def _output(self, out: np.ndarray | None, shape: tuple[int, ...]) -> np.ndarray:
+        if out is None:
+            return np.empty(shape, self.dtype)
+        if out.shape != shape or out.dtype != self.dtype or not out.flags.c_contiguous or not out.flags.writeable:
+            raise InputError(f"out is {out.dtype} {out.shape}: a writeable C-ordered {self.dtype} {shape} was expected")
+        return out
+
+
+def adjoint_mismatch(op: Any, seed: int = 0) -> float:
+    """``|<Phi x, y> - <x, Phi^T y>|`` relative to ``||Phi x|| ||y||``, for random x and y: a check for any operator.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> adjoint_mismatch(SensingOperator(np.ones((1, 2, 3, 4)))) < 1e-12
+    True
+    """
+    rng = np.random.default_rng(seed)
+    x, y = rng.standard_normal(op.shape), rng.standard_normal(op.shape[2:])
+    measured, back = np.asarray(op.forward(x), np.float64), np.asarray(op.adjoint(y), np.float64)
+    norm = np.linalg.norm(measured) * np.linalg.norm(y)
+    return float(abs((measured * y).sum() - (x * back).sum()) / max(norm, np.finfo(float).tiny))

@@ -1,0 +1,165 @@
+"""A measurement made ready for the solver: checked, and scaled so that the video spans about [0, 1]."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from typing import Any
+
+import numpy as np
+
+from pnp_sci._validate import number, real_array, require_finite
+from pnp_sci.errors import InputError
+from pnp_sci.sensing.noise import estimate_noise
+from pnp_sci.sensing.operator import SensingOperator, as_masks
+from pnp_sci.sensing.sensor import Sensor
+
+NEAR = (1.5, 6, 24, 96)  # pixels: widths of the means over neighbours for pixels that no mask lets light to
+CLOSED = 1e-3  # of the largest weight: below, there are no open neighbours
+LOUDEST = 1e6  # noise in units of max |y|: more changes nothing, and its square must stay finite
+
+
+@dataclass(frozen=True, eq=False)
+class Problem:
+    """What the solver sees of a measurement.
+
+    Attributes
+    ----------
+    op : SensingOperator
+    y : ndarray, (H, W)
+        In units where x spans about [0, 1].
+    unit : float
+        The value of x in the user's units that is 1 here.
+    noise : float or ndarray, (H, W)
+        Standard deviation of the noise of y, in the units of `y` here; of each pixel where they differ.
+    saturated : ndarray of bool, (H, W), optional
+        Pixels in which y is only the least that there can have been.
+    """
+
+    op: SensingOperator
+    y: np.ndarray
+    unit: float
+    noise: float | np.ndarray
+    saturated: np.ndarray | None = None
+
+    @property
+    def typical_noise(self) -> float:
+        """Root mean square of `noise`, over pixels that are not saturated."""
+        noise = np.asarray(self.noise)
+        if noise.ndim and self.saturated is not None and not self.saturated.all():
+            noise = noise[~self.saturated]
+        return float(np.sqrt(np.mean(np.square(noise))))
+
+
+def check_measurement(y: Any) -> np.ndarray:
+    """y as a native array (N, H, W) of finite real numbers; raises InputError or InputTypeError naming y."""
+    array = real_array("y", y)
+    if array.ndim not in (2, 3) or array.size == 0:
+        raise InputError(f"y has shape {array.shape}: (rows, columns) or (measurements, rows, columns) was expected")
+    require_finite("y", array)
+    if array.dtype == np.longdouble:
+        with np.errstate(over="ignore"):
+            require_finite("y", array.astype(np.float64))
+    return array if array.ndim == 3 else array[None]
+
+
+def check_operator(masks: Any, y: np.ndarray) -> tuple[SensingOperator, float]:
+    """The operator of these masks divided by their largest magnitude, and that magnitude (1 for one-byte masks)."""
+    dtype = np.dtype(np.float64 if y.dtype == np.float64 else np.float32)
+    if isinstance(masks, SensingOperator):
+        masks = masks.masks
+    masks = as_masks(masks)
+    if masks.shape[2:] != y.shape[1:]:
+        views, frames, rows, columns = masks.shape
+        raise InputError(
+            f"masks has {views} x {frames} frames of {rows} x {columns}, but y is {y.shape[1]} x {y.shape[2]}: "
+            "the last two dimensions must agree"
+        )
+    largest = 1.0 if masks.dtype == np.uint8 else float(max(-masks.min(), masks.max())) or 1.0
+    if largest != 1.0:
+        masks = masks / masks.dtype.type(largest)
+    return SensingOperator(masks, dtype), largest
+
+
+def pose(op: SensingOperator, largest: float, y: np.ndarray, sensor: Sensor) -> Problem:
+    """The problem for one measurement (H, W); `largest` is what the masks were divided by."""
+    y = y.astype(np.float64)
+    saturated = sensor.saturated(y)
+    height = float(np.abs(y).max()) or 1.0
+    sensor = measured(sensor, op, y)
+    sigma = np.minimum(sensor.deviation(y) / height, LOUDEST)
+    y /= height
+    unit = brightest(op, y, float(np.mean(sigma)))
+    x_unit = unit * height / largest
+    if x_unit > float(np.finfo(op.dtype).max):
+        raise InputError(
+            f"y reaches {height:.3g} and masks {largest:.3g}: their quotient was expected within {op.dtype}"
+            + ("; give y as float64" if op.dtype == np.float32 else "")
+        )
+    noise = sigma / unit
+    return Problem(op, (y / unit).astype(op.dtype), x_unit, noise if np.ndim(noise) else float(noise), saturated)
+
+
+def brightest(op: SensingOperator, y: np.ndarray, noise: float) -> float:
+    """About the largest value of the video, from the measurement: the unit in which it spans [0, 1].
+
+    Where the masks have one sign, y over their sum is a mean of the video; both are smoothed over some 3 pixels against
+    noise, and the quantile 0.999 is taken: 0.7 to 1.0 of the true one on clips of the training set, the
+    benchmark pairs and single-view sets alike. Where the masks
+    cancel each other, the unit is that in which y has the energy it has on average over videos of mean 1/2 and standard
+    deviation 1/4: ``mean(y^2) = mean(S^2 / 4 + gram / 16)``, S being the sum of the masks.
+    """
+    from scipy.ndimage import gaussian_filter
+
+    total, gram = op.masks.sum((0, 1), dtype=np.float64), op.gram.astype(np.float64)
+    if np.sum(total**2) >= np.sum(gram):
+        below = gaussian_filter(total, 1.5, mode="nearest")
+        open_pixels = np.abs(below) > 0.5 * np.median(np.abs(below))
+        if open_pixels.any():
+            mean = np.abs(gaussian_filter(y, 1.5, mode="nearest")[open_pixels] / below[open_pixels])
+            return float(np.quantile(mean, 0.999)) or 1.0
+    energy = max(float(np.mean(y**2)) - noise**2, 0.01 * float(np.mean(y**2)))
+    expected = float(np.mean(total**2 / 4 + gram / 16))
+    return float(np.sqrt(energy / expected)) if energy > 0 and expected > 0 else 1.0
+
+
+def measured(sensor: Sensor, op: SensingOperator, y: np.ndarray) -> Sensor:
+    """The camera with its read noise estimated from a measurement (H, W), if it is "auto"."""
+    if sensor.read_noise != "auto":
+        return sensor
+    y = y.astype(np.float64)
+    height = float(np.abs(y).max()) or 1.0
+    estimate = height * estimate_noise(op, y / height, sensor.saturated(y))  # of which some is of the grey levels
+    rounding = sensor.step / np.sqrt(12)
+    return replace(sensor, read_noise=float(np.sqrt(max(estimate - rounding, 0)) * np.sqrt(estimate + rounding)))
+
+
+def check_noise(noise: Any) -> Sensor:
+    """What `noise` says of the camera: all of it, "auto", or a standard deviation >= 0."""
+    if isinstance(noise, Sensor):
+        return noise
+    if isinstance(noise, str) and noise == "auto":
+        return Sensor()
+    return Sensor(number("noise", noise, '"auto", a standard deviation >= 0 in the units of y, or a Sensor'))
+
+
+def level(op: SensingOperator, y: np.ndarray) -> np.ndarray:
+    """The start called "adjoint": y shared out so that a uniform scene comes out as it is.
+
+    Every frame of every view gets ``S y / (S^2 + gram / 4)``, S the sum of the masks: the best guess of a level common
+    to all of them. It is Phi^T y, averaged over views and frames, with weights that undo the masks. Pixels that no mask
+    lets light to get the mean of the nearest that have some.
+    """
+    total = op.masks.sum((0, 1), dtype=op.dtype)
+    below = total**2 + op.gram / 4
+    common = np.divide(total * y, below, out=np.zeros_like(y), where=below > 0)
+    dark = below == 0
+    if dark.any():
+        from scipy.ndimage import gaussian_filter
+
+        for width in NEAR:
+            mean, weight = (gaussian_filter(a, width, mode="nearest") for a in (total * y, below))
+            np.divide(mean, weight, out=common, where=dark & (weight > CLOSED * below.max()))
+            dark &= weight <= CLOSED * below.max()
+            if not dark.any():
+                break
+    return np.broadcast_to(common, op.shape).copy()

@@ -1,0 +1,120 @@
+"""What is modelled of a scene: which views hold anything, and which of them stand still."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import asdict, dataclass
+from typing import Any
+
+import numpy as np
+
+from pnp_sci.errors import InputError, InputTypeError
+from pnp_sci.sensing.operator import SensingOperator
+
+
+@dataclass(frozen=True)
+class SceneModel:
+    """What is modelled of a scene.
+
+    Attributes
+    ----------
+    views : tuple of bool
+        Which views hold anything; the others come out as 0.
+    still : bool or tuple of bool
+        Whether one frame of a view stands for all of them; one answer for all views, or one for each. Kept as a tuple.
+    reason : str
+        In words.
+    """
+
+    views: tuple[bool, ...]
+    still: bool | tuple[bool, ...] = False
+    reason: str = "as asked for"
+
+    def __post_init__(self):
+        views = _bools("views", self.views, "a tuple of bool")  # 0 and 1 would be indices
+        still = self.still
+        still = (
+            (bool(still),) * len(views)
+            if isinstance(still, (bool, np.bool_))
+            else _bools("still", still, "True, False or a tuple of bool")
+        )
+        if len(still) != len(views):
+            raise InputError(f"still has {len(still)} values: {len(views)} were expected, one for each view")
+        object.__setattr__(self, "views", views)
+        object.__setattr__(self, "still", still)
+
+    @property
+    def complete(self) -> bool:
+        """Whether every view and frame is modelled; then nothing is copied."""
+        return all(self.views) and not self._still_of_lit.any()
+
+    @property
+    def nothing_moves(self) -> bool:
+        """Whether all views that hold anything stand still."""
+        return bool(self._still_of_lit.all())
+
+    @property
+    def _still_of_lit(self) -> np.ndarray:
+        """Which of the views that hold anything stand still."""
+        return np.array(self.still)[np.array(self.views)]
+
+    def reduce(self, op: SensingOperator) -> SensingOperator:
+        """The operator of what is modelled: masks of the views there are, summed over time if nothing moves.
+
+        A view that stands still beside another that moves has the mean of its masks for each of its frames: they then
+        measure the same and stay the same.
+        """
+        if self.complete:
+            return op
+        masks = op.masks[np.array(self.views)]
+        if self.nothing_moves:
+            masks = masks.sum(1, keepdims=True, dtype=op.dtype)
+        elif self._still_of_lit.any():
+            masks = masks.astype(op.dtype)
+            masks[self._still_of_lit] = masks[self._still_of_lit].mean(1, keepdims=True)
+        return SensingOperator(masks, op.dtype)
+
+    def restrict(self, x: np.ndarray) -> np.ndarray:
+        """Of a video (V, B, H, W), what is modelled."""
+        if self.complete:
+            return x
+        kept = x[np.array(self.views)]
+        kept[self._still_of_lit] = kept[self._still_of_lit].mean(1, keepdims=True)
+        return kept[:, :1] if self.nothing_moves else kept
+
+    def expand(self, x: np.ndarray, shape: tuple[int, ...]) -> np.ndarray:
+        """The video (V, B, H, W) of what was modelled."""
+        if self.complete:
+            return x
+        full = np.zeros(shape, x.dtype)
+        full[np.array(self.views)] = x
+        if not self.nothing_moves:
+            still = np.array(self.still) & np.array(self.views)
+            full[still] = full[still].mean(1, keepdims=True)
+        return full
+
+    def at_rest(self, parts: Sequence[float]) -> list[float | None]:
+        """The part of each view that stands still, from that of the modelled ones; None where nothing is known."""
+        known = dict(zip(np.flatnonzero(self.views).tolist(), parts))
+        moving = [lit and not still for lit, still in zip(self.views, self.still)]  # type: ignore[arg-type]
+        return [round(float(known[v]), 3) if moves and v in known else None for v, moves in enumerate(moving)]
+
+    def describe(self, op: SensingOperator) -> dict[str, Any]:
+        """For `Result.scene`."""
+        views, frames = op.shape[:2]
+        modelled = sum(1 if still else frames for still in self._still_of_lit)
+        alike = self.nothing_moves or not self._still_of_lit.any()
+        still = self.nothing_moves if alike else self.still
+        return asdict(self) | {"still": still, "frames_modelled": modelled, "frames": views * frames}
+
+
+def _bools(name: str, values: Any, expected: str) -> tuple[bool, ...]:
+    try:
+        return tuple(bool(value) for value in values)
+    except (TypeError, ValueError) as error:
+        raise InputTypeError(f"{name} is {values!r}: {expected} was expected") from error
+
+
+def full(op: SensingOperator, reason: str = "as asked for") -> SceneModel:
+    """Everything is modelled."""
+    return SceneModel((True,) * op.shape[0], False, reason)

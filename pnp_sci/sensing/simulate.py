@@ -1,0 +1,81 @@
+"""What a camera would measure."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from pnp_sci._validate import number, require_finite
+from pnp_sci.errors import InputError
+from pnp_sci.io import read_video
+from pnp_sci.sensing.operator import SensingOperator
+from pnp_sci.sensing.sensor import Sensor
+
+
+def simulate(
+    video: Any,
+    masks: Any,
+    noise: float | Sensor = 0.0,
+    seed: int = 0,
+    bits: int | None = None,
+    peak: float | None = None,
+) -> np.ndarray:
+    """The measurement of a video through masks, with the noise and the grey levels of a camera.
+
+    ``y = Phi x``, then ``y + noise * peak * n`` with n standard normal, the noise protocol of the OFaNet paper; then,
+    if `bits` is given, y is clipped to [0, peak] and rounded to 2**bits levels. Or what a :class:`~pnp_sci.Sensor`
+    makes of ``Phi x``.
+
+    Parameters
+    ----------
+    video : array_like, (V, B, H, W) or (B, H, W), or a path
+        In any units: the measurement has the same. From a file, its planes are shared among the views of `masks`.
+    masks : array_like, (V, B, H, W) or (B, H, W)
+    noise : float or Sensor
+        Standard deviation of the noise, relative to `peak`; >= 0. Or the camera, in the units of the measurement; it
+        has its own `bits` and its own full scale.
+    seed : int
+        Of the noise.
+    bits : int, optional
+        Of the camera, 1 to 32; no rounding by default.
+    peak : float, optional
+        Full scale of the camera, in units of the measurement; > 0. Default: the largest value of the clean measurement.
+
+    Returns
+    -------
+    ndarray of float32 or float64, (H, W)
+
+    Raises
+    ------
+    InputError, InputTypeError
+        If `video` and `masks` differ in shape, or a number is out of its range.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> float(simulate(np.ones((2, 3, 4, 5)), np.ones((2, 3, 4, 5)), bits=8).max())
+    6.0
+    """
+    if isinstance(noise, Sensor):
+        if (bits, peak) != (None, None):
+            raise InputError(f"bits is {bits}, peak is {peak}: neither was expected beside a Sensor, which has its own")
+    else:
+        noise = number("noise", noise, "a Sensor or a finite number >= 0")
+    if bits is not None and bits not in range(1, 33):
+        raise InputError(f"bits is {bits}: a whole number from 1 to 32 was expected")
+    if peak is not None and not 0 < peak < np.inf:
+        raise InputError(f"peak is {peak}: a finite number > 0 was expected")
+    op = SensingOperator(masks)
+    x = read_video(video, views=op.shape[0]) if isinstance(video, (str, Path)) else np.asarray(video)
+    x = x[None] if x.ndim == 3 else x
+    if x.shape != op.shape:
+        raise InputError(f"video has shape {x.shape}, but masks {op.shape}: the same was expected")
+    require_finite("video", x)
+    y = op.forward(x)
+    if isinstance(noise, Sensor):
+        return noise.expose(y, seed)
+    highest = float(y.max()) if peak is None else peak
+    levels = (highest, bits) if bits is not None and highest > 0 else (None, None)
+    return Sensor(abs(noise * highest), 0.0, *levels).expose(y, seed)

@@ -1,0 +1,144 @@
+"""The sensing operator as a module of torch, for networks and unrolled solvers: autograd, CPU and CUDA.
+
+This module imports torch; nothing in :mod:`pnp_sci` imports it before it is asked for.
+"""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+import torch
+
+from pnp_sci.errors import InputError, InputTypeError
+from pnp_sci.sensing.operator import SensingOperator, as_masks
+
+_FLOATING = (torch.float32, torch.float64)
+
+
+class TorchSensingOperator(torch.nn.Module):
+    """Phi of :class:`~pnp_sci.sensing.operator.SensingOperator` on tensors, differentiable, with any batch dimensions.
+
+    ``y = sum over views v and frames b of masks[v, b] * x[v, b]``. Masks and gram are buffers: they move with
+    ``.to(device)`` and ``.double()`` and are saved in the ``state_dict``.
+
+    Parameters
+    ----------
+    masks : array_like, Tensor, (V, B, H, W) or (B, H, W), or SensingOperator
+        Any real values; 3-D masks mean a single view. bool and uint8 are kept at one byte an element.
+    dtype : torch.float32 or torch.float64, optional
+        Of videos and measurements. Default: float64 if masks are float64, else float32.
+    device : torch.device or str, optional
+        Default: that of masks if they are a tensor, else the CPU.
+
+    Attributes
+    ----------
+    masks : Tensor, (V, B, H, W)
+    gram : Tensor, (H, W)
+        The diagonal of Phi Phi^T, ``sum(masks**2)`` over views and frames.
+    shape : tuple
+        (V, B, H, W)
+
+    Raises
+    ------
+    InputError, InputTypeError
+        If masks are not (V, B, H, W) finite real numbers, or dtype is another one.
+
+    Examples
+    --------
+    >>> op = TorchSensingOperator(torch.ones(2, 3, 4, 5))
+    >>> x = torch.ones(7, 2, 3, 4, 5, requires_grad=True)  # a batch of 7
+    >>> y = op(x)
+    >>> y.shape, y[0, 0, 0].item()
+    (torch.Size([7, 4, 5]), 6.0)
+    >>> y.sum().backward()
+    >>> float(x.grad.sum())
+    840.0
+    """
+
+    masks: torch.Tensor
+    gram: torch.Tensor
+
+    def __init__(self, masks: Any, dtype: torch.dtype | None = None, device: torch.device | str | None = None):
+        super().__init__()
+        if dtype is not None and dtype not in _FLOATING:
+            raise InputTypeError(f"dtype is {dtype}: torch.float32 or torch.float64 was expected")
+        if isinstance(masks, SensingOperator):
+            dtype = dtype or getattr(torch, masks.dtype.name)
+            masks = masks.masks
+        elif isinstance(masks, torch.Tensor):
+            device = device or masks.device
+            masks = masks.detach().cpu().numpy()
+        array = as_masks(masks, np.dtype(np.float64) if dtype == torch.float64 else None)
+        dtype = dtype or (torch.float64 if array.dtype == np.float64 else torch.float32)
+        # one byte an element stays so; a copy, because the masks that came in are the caller's
+        tensor = torch.tensor(array, dtype=torch.uint8 if array.dtype == np.uint8 else dtype, device=device)
+        self.register_buffer("masks", tensor)
+        self.register_buffer("gram", tensor.to(dtype).square().sum((0, 1)))
+
+    def extra_repr(self) -> str:
+        """What ``print`` shows between the brackets."""
+        views, frames, rows, columns = self.shape
+        return f"{views} x {frames} masks of {rows} x {columns}, {self.masks.dtype} -> {self.dtype}"
+
+    @property
+    def shape(self) -> tuple[int, int, int, int]:
+        """(V, B, H, W)."""
+        return tuple(self.masks.shape)  # type: ignore[return-value]
+
+    @property
+    def dtype(self) -> torch.dtype:
+        """Of videos and measurements."""
+        return self.gram.dtype
+
+    def forward(self, x: Any) -> torch.Tensor:
+        """Phi x: measurements (..., H, W) of videos (..., V, B, H, W)."""
+        return (self.masks * self._tensor("x", x, self.shape)).sum((-4, -3))
+
+    def adjoint(self, y: Any) -> torch.Tensor:
+        """Phi^T y: (..., V, B, H, W), measurements (..., H, W) seen through each mask."""
+        return self.masks * self._tensor("y", y, self.shape[2:])[..., None, None, :, :]
+
+    def project(self, x: Any, y: Any, rho: float | torch.Tensor = 0.0) -> torch.Tensor:
+        """``x + Phi^T (y - Phi x) / (gram + rho)``; pixels where ``gram + rho`` is 0 keep their value.
+
+        Parameters
+        ----------
+        x : Tensor or array_like, (..., V, B, H, W)
+        y : Tensor or array_like, (..., H, W)
+            Its batch dimensions broadcast against those of x.
+        rho : float or Tensor
+            >= 0, in units of gram: one for all, one for each measurement (...), or one for each of its pixels
+            (..., H, W). A tensor may be learned.
+
+        Raises
+        ------
+        InputError, InputTypeError
+            If a shape does not end as the masks have it, values are not real, or rho is negative.
+        """
+        rho = rho if isinstance(rho, torch.Tensor) else torch.tensor(rho, dtype=self.dtype, device=self.gram.device)
+        smallest = float(rho.detach().min())
+        if not smallest >= 0:
+            raise InputError(f"rho is {smallest}: a number >= 0 was expected")
+        x, y = self._tensor("x", x, self.shape), self._tensor("y", y, self.shape[2:])
+        if rho.ndim and rho.shape == torch.broadcast_shapes(x.shape[:-4], y.shape[:-2]):
+            rho = rho[..., None, None]
+        total = self.gram + rho
+        alive = total > 0
+        weight = alive / torch.where(alive, total, 1)
+        return x + self.adjoint((y - self.forward(x)) * weight)
+
+    def _tensor(self, name: str, value: Any, shape: tuple[int, ...]) -> torch.Tensor:
+        if not isinstance(value, torch.Tensor):
+            array = np.asarray(value)
+            if array.dtype.kind not in "biuf":
+                raise InputTypeError(f"{name} has dtype {array.dtype}: real numbers were expected")
+            value = torch.tensor(np.ascontiguousarray(array, np.float64), dtype=self.dtype)
+        if value.is_complex():
+            raise InputTypeError(f"{name} has dtype {value.dtype}: real numbers were expected")
+        if tuple(value.shape[-len(shape) :]) != shape:
+            expected = ", ".join(map(str, shape))
+            raise InputError(
+                f"{name} has shape {tuple(value.shape)}: (..., {expected}) was expected, as the masks have it"
+            )
+        return value.to(self.gram)

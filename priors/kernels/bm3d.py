@@ -1,0 +1,306 @@
+"""Groups of alike patches: finding them in a frame, filtering them together, and putting the frame together again.
+
+A group is a cube, flat: patch after patch, row after row. Loops over it are of constant length and read what they need
+before they write, so that LLVM makes vectors of eight; where it does not, :mod:`pnp_sci.accel.simd8` does.
+"""
+
+import numba
+import numpy as np
+
+from pnp_sci.accel.jit import FASTMATH, kernel, loop
+from pnp_sci.accel.simd8 import add_row, copy_row, transpose
+
+SIDE = 8  # pixels of a patch, along either axis, and patches of a group
+SQUARE, CUBE = SIDE**2, SIDE**3
+STEP = 4  # pixels between the patches that groups are made for; a patch is two by two cells of so many
+REACH = 12  # pixels either side within which alike patches are looked for
+BAND = 8  # rows of groups that are filtered one after the other
+
+
+# of the orthonormal cosine transform: cos(k pi / 16) / 2, for k = 1 to 7
+C1, C2, C3, C4, C5, C6, C7 = (np.float32(np.cos(k * np.pi / 16) / 2) for k in range(1, SIDE))
+OF_TWO, OF_FOUR, OF_EIGHT = (np.float32(1 / np.sqrt(n)) for n in (2, 4, 8))  # orthonormal Haar waves of so many patches
+EDGE = np.kaiser(SIDE, 2).astype(np.float32)  # patches count less at their edges
+WINDOW = np.outer(EDGE, EDGE).reshape(-1)
+
+# a loop whose sums LLVM may take in any order
+summing = numba.njit(cache=True, fastmath=FASTMATH | {"reassoc"}, error_model="numpy")
+
+
+@loop
+def _cells(frame, top, there, shift, squares, cells):
+    """cells[c] <- the squared differences of STEP x STEP pixels from those `there` and `shift` beyond; else inf."""
+    low, high = max(0, -shift), min(squares.size, squares.size - shift)
+    a, b, c, d = frame[top, low:], frame[top + 1, low:], frame[top + 2, low:], frame[top + 3, low:]
+    at = low + shift
+    p, q, r, t = frame[there, at:], frame[there + 1, at:], frame[there + 2, at:], frame[there + 3, at:]
+    s = squares[low:high]
+    for j in range(s.size):
+        s[j] = (a[j] - p[j]) ** 2 + (b[j] - q[j]) ** 2 + (c[j] - r[j]) ** 2 + (d[j] - t[j]) ** 2
+    begin, end = (low + STEP - 1) // STEP, high // STEP
+    cells[:begin], cells[end:] = np.inf, np.inf
+    for k in range(begin, end):
+        at = STEP * k
+        cells[k] = squares[at] + squares[at + 1] + squares[at + 2] + squares[at + 3]
+
+
+@loop
+def _of_four(above, below, patches):
+    """The sums over patches of two by two cells."""
+    for c in range(patches.size):
+        patches[c] = above[c] + above[c + 1] + below[c] + below[c + 1]
+
+
+@loop
+def _keep(distance, place, distances, places):
+    """Put a place among the SIDE nearest ones, which are sorted by distance."""
+    k = SIDE - 1
+    while k > 0 and distances[k - 1] > distance:
+        distances[k], places[k] = distances[k - 1], places[k - 1]
+        k -= 1
+    distances[k], places[k] = distance, place
+
+
+@kernel
+def match(frames, found):
+    """found[n, r, c] <- the SIDE patches most alike to that at row STEP r, column STEP c of frame n, nearest first.
+
+    A patch is the number of its first pixel. Where there are fewer, the rest is the patch itself. Height and width are
+    multiples of STEP.
+    """
+    count, rows, columns = frames.shape
+    tops, lefts = found.shape[1:3]
+    bands = (tops + BAND - 1) // BAND
+    for job in numba.prange(count * bands):
+        n, first = job // bands, job % bands * BAND
+        frame, here = frames[n], min(BAND, tops - first)
+        distances = np.full((here, lefts, SIDE), np.inf, frames.dtype)
+        distances[..., 0] = -1  # the patch itself comes first
+        for r in range(here):
+            for c in range(lefts):
+                found[n, first + r, c] = STEP * ((first + r) * columns + c)
+        cells, squares = np.empty((here + 1, lefts + 1), frames.dtype), np.empty(columns, frames.dtype)
+        patches = np.empty(lefts, frames.dtype)
+        for down in range(-REACH, REACH + 1):
+            for shift in range(-min(REACH, columns - SIDE), min(REACH, columns - SIDE) + 1):
+                if down == 0 and shift == 0:
+                    continue
+                for r in range(here + 1):
+                    top = STEP * (first + r)
+                    if 0 <= top + down <= rows - STEP:
+                        _cells(frame, top, top + down, shift, squares, cells[r])
+                    else:
+                        cells[r] = np.inf
+                for r in range(here):
+                    _of_four(cells[r], cells[r + 1], patches)
+                    for c in range(lefts):
+                        if patches[c] < distances[r, c, SIDE - 1]:
+                            place = found[n, first + r, c, 0] + down * columns + shift
+                            _keep(patches[c], place, distances[r, c], found[n, first + r, c])
+
+
+@loop
+def _gather(pixels, columns, places, cube):
+    """cube <- the patches at these places."""
+    for k in range(SIDE):
+        for i in range(SIDE):
+            copy_row(pixels, places[k] + i * columns, cube, SQUARE * k + SIDE * i)
+
+
+@loop
+def _cosines(a, b, c, d, e, f, g, h):
+    """The orthonormal discrete cosine transform of eight values."""
+    s, t, u, v = a + h, b + g, c + f, d + e
+    w, x, y, z = a - h, b - g, c - f, d - e
+    outer, inner = s - v, t - u
+    return (
+        C4 * (s + v + t + u), C1 * w + C3 * x + C5 * y + C7 * z,
+        C2 * outer + C6 * inner, C3 * w - C7 * x - C1 * y - C5 * z,
+        C4 * (s + v - t - u), C5 * w - C1 * x + C7 * y + C3 * z,
+        C6 * outer - C2 * inner, C7 * w - C5 * x + C3 * y - C1 * z,
+    )  # fmt: skip
+
+
+@loop
+def _uncosines(a, b, c, d, e, f, g, h):
+    """The inverse of :func:`_cosines`."""
+    p, q, outer, inner = C4 * (a + e), C4 * (a - e), C2 * c + C6 * g, C6 * c - C2 * g
+    s, t, u, v = p + outer, q + inner, q - inner, p - outer
+    w, x = C1 * b + C3 * d + C5 * f + C7 * h, C3 * b - C7 * d - C1 * f - C5 * h
+    y, z = C5 * b - C1 * d + C7 * f + C3 * h, C7 * b - C5 * d + C3 * f - C1 * h
+    return s + w, t + x, u + y, v + z, v - z, u - y, t - x, s - w
+
+
+@loop
+def _columns(transform, v):
+    """v <- the transforms of the columns of its patches."""
+    for k in range(SIDE):
+        for j in range(SIDE):
+            at = SQUARE * k + j
+            a, b, c, d, e, f, g, h = transform(
+                v[at], v[at + SIDE], v[at + 2 * SIDE], v[at + 3 * SIDE],
+                v[at + 4 * SIDE], v[at + 5 * SIDE], v[at + 6 * SIDE], v[at + 7 * SIDE],
+            )  # fmt: skip
+            v[at], v[at + SIDE], v[at + 2 * SIDE], v[at + 3 * SIDE] = a, b, c, d
+            v[at + 4 * SIDE], v[at + 5 * SIDE], v[at + 6 * SIDE], v[at + 7 * SIDE] = e, f, g, h
+
+
+@loop
+def _transposed(v):
+    """v <- its patches, rows for columns."""
+    for k in range(SIDE):
+        transpose(v, SQUARE * k)
+
+
+@loop
+def _haar(v):
+    """v <- its orthonormal Haar transform across the patches, the mean first."""
+    for x in range(SQUARE):
+        a, b, c, d = v[x], v[x + SQUARE], v[x + 2 * SQUARE], v[x + 3 * SQUARE]
+        e, f, g, h = v[x + 4 * SQUARE], v[x + 5 * SQUARE], v[x + 6 * SQUARE], v[x + 7 * SQUARE]
+        ab, cd, ef, gh = a + b, c + d, e + f, g + h
+        v[x], v[x + SQUARE] = OF_EIGHT * (ab + cd + ef + gh), OF_EIGHT * (ab + cd - ef - gh)
+        v[x + 2 * SQUARE], v[x + 3 * SQUARE] = OF_FOUR * (ab - cd), OF_FOUR * (ef - gh)
+        v[x + 4 * SQUARE], v[x + 5 * SQUARE] = OF_TWO * (a - b), OF_TWO * (c - d)
+        v[x + 6 * SQUARE], v[x + 7 * SQUARE] = OF_TWO * (e - f), OF_TWO * (g - h)
+
+
+@loop
+def _unhaar(v):
+    """The inverse of :func:`_haar`."""
+    for x in range(SQUARE):
+        s, t = OF_EIGHT * v[x], OF_EIGHT * v[x + SQUARE]
+        p, q = OF_FOUR * v[x + 2 * SQUARE], OF_FOUR * v[x + 3 * SQUARE]
+        a, b = OF_TWO * v[x + 4 * SQUARE], OF_TWO * v[x + 5 * SQUARE]
+        c, d = OF_TWO * v[x + 6 * SQUARE], OF_TWO * v[x + 7 * SQUARE]
+        v[x], v[x + SQUARE] = s + t + p + a, s + t + p - a
+        v[x + 2 * SQUARE], v[x + 3 * SQUARE] = s + t - p + b, s + t - p - b
+        v[x + 4 * SQUARE], v[x + 5 * SQUARE] = s - t + q + c, s - t + q - c
+        v[x + 6 * SQUARE], v[x + 7 * SQUARE] = s - t - q + d, s - t - q - d
+
+
+@loop
+def _spectrum(pixels, columns, places, cube):
+    """cube <- the transform of the group of patches at these places, rows for columns."""
+    _gather(pixels, columns, places, cube)
+    _haar(cube)
+    _columns(_cosines, cube)
+    _transposed(cube)
+    _columns(_cosines, cube)
+
+
+@loop
+def _unspectrum(cube):
+    """cube <- the group of patches whose transform it is."""
+    _columns(_uncosines, cube)
+    _transposed(cube)
+    _columns(_uncosines, cube)
+    _unhaar(cube)
+
+
+@loop
+def _threshold(cube, least):
+    """cube <- 0 where smaller than `least`; returns how much its patches count, the more the less is left."""
+    kept = 0
+    for x in range(cube.size):
+        if abs(cube[x]) < least:
+            cube[x] = 0
+        else:
+            kept += 1
+    return 1 / max(kept, 1)
+
+
+@summing
+def _shrink(cube, signal, variance):
+    """cube <- what a Wiener filter leaves of it for a signal; returns how much its patches count."""
+    squares = cube.dtype.type(0)
+    for x in range(CUBE):
+        square = signal[x] * signal[x]
+        left = square / (square + variance)
+        cube[x] *= left
+        squares += left * left
+    return 1 / max(squares, 1e-6)
+
+
+@loop
+def _scatter(cube, window, weight, places, columns, begin, total, weights):
+    """Add the patches of a cube, which is lost, by weight, to total, and the weight to that of each place.
+
+    total and weights begin at pixel `begin`. The window is to weigh the patches; it comes to weigh the weights later.
+    """
+    for k in range(SIDE):
+        for x in range(SQUARE):
+            cube[SQUARE * k + x] *= weight * window[x]
+        for i in range(SIDE):
+            add_row(cube, SQUARE * k + SIDE * i, total, places[k] + i * columns - begin)
+        weights[places[k] - begin] += weight
+
+
+@loop
+def _add_times(factor, v, out):
+    """out += factor * v."""
+    for x in range(out.size):
+        out[x] += factor * v[x]
+
+
+@loop
+def _spread(weights, out):
+    """out (H, W) <- the sums of windows of patches that begin at each pixel, times the weight (H, W) of each."""
+    rows, columns = weights.shape
+    out[:] = 0
+    along = np.zeros(columns, weights.dtype)
+    for r in range(rows - SIDE + 1):
+        along[:] = 0
+        for j in range(SIDE):
+            _add_times(EDGE[j], weights[r, : columns - SIDE + 1], along[j : columns - SIDE + 1 + j])
+        for i in range(SIDE):
+            _add_times(EDGE[i], along, out[r + i])
+
+
+@kernel
+def collaborate(frames, pilot, level, threshold, found, out):
+    """out <- frames (N, H, W), groups of patches filtered together.
+
+    By a Wiener filter whose signal is the pilot's (N, H, W); without a pilot (0, H, W) by dropping what is below the
+    threshold, in units of the noise. Each group has a noise level > 0 and counts the less the more it is. The mean of
+    every group is kept.
+    """
+    count, rows, columns = frames.shape
+    tops, lefts = found.shape[1:3]
+    bands = (tops + BAND - 1) // BAND
+    height = min(STEP * (BAND - 1) + SIDE + 2 * REACH, rows)
+    total = np.zeros((count * bands, height * columns), frames.dtype)
+    weights = np.zeros_like(total)
+    for job in numba.prange(count * bands):
+        n, first = job // bands, job % bands * BAND
+        pixels, begin, faintest = frames[n].reshape(-1), _begin(first, height, rows) * columns, level[n].min()
+        cube, signal = np.empty(CUBE, frames.dtype), np.empty(CUBE, frames.dtype)
+        for r in range(first, min(first + BAND, tops)):
+            for c in range(lefts):
+                places, sigma = found[n, r, c], level[n, r, c]
+                _spectrum(pixels, columns, places, cube)
+                mean = cube[0]
+                if len(pilot) > 0:
+                    _spectrum(pilot[n].reshape(-1), columns, places, signal)
+                    weight = _shrink(cube, signal, sigma * sigma)
+                else:
+                    weight = _threshold(cube, threshold * sigma)
+                weight *= (faintest / sigma) ** 2
+                cube[0] = mean
+                _unspectrum(cube)
+                _scatter(cube, WINDOW, frames.dtype.type(weight), places, columns, begin, total[job], weights[job])
+    for n in numba.prange(count):
+        sums, counts = np.zeros((rows, columns), frames.dtype), np.zeros((rows, columns), frames.dtype)
+        for band in range(bands):
+            begin, job = _begin(band * BAND, height, rows), n * bands + band
+            sums[begin : begin + height] += total[job].reshape(height, columns)
+            counts[begin : begin + height] += weights[job].reshape(height, columns)
+        shares = np.empty((rows, columns), frames.dtype)
+        _spread(counts, shares)
+        out[n] = sums / shares
+
+
+@loop
+def _begin(first, height, rows):
+    """The first of `height` rows that hold all patches found for a band of groups, which begins with group `first`."""
+    return min(max(STEP * first - REACH, 0), rows - height)

@@ -1,0 +1,38 @@
+"""Weights of the priors' networks: files that carry their architecture."""
+
+from __future__ import annotations
+
+import json
+from dataclasses import asdict
+from pathlib import Path
+
+import torch
+
+from pnp_sci.accel import weights
+from pnp_sci.errors import FormatError
+from priors.networks.unet import Architecture, Network
+
+
+def save(path: str | Path, name: str, architecture: Architecture, network: torch.nn.Module) -> str:
+    """Write the weights of the prior `name` to `path`, at once or not at all; return the hash of their values."""
+    return weights.save(path, network.state_dict(), {"prior": name, "architecture": json.dumps(asdict(architecture))})
+
+
+def load(path: str | Path, name: str) -> tuple[Network, str]:
+    """Read the network of the prior `name` from `path`, and the hash of its weights.
+
+    Raises
+    ------
+    pnp_sci.errors.DataUnavailableError
+        If there is no such file.
+    pnp_sci.errors.FormatError
+        If the file is no safetensors file, holds another prior, or its values are not those that were saved.
+    """
+    tensors, metadata = weights.read(path, {"prior": name}, f"python -m priors.train {name}")
+    try:
+        fields = json.loads(metadata["architecture"])
+        network = Network(Architecture(**{key: tuple(value) for key, value in fields.items()}))
+    except (KeyError, TypeError, ValueError) as error:
+        raise FormatError(f"{path} says nothing usable of its architecture: {error!r}") from error
+    weights.fill(network, tensors, path)
+    return network.eval().to(memory_format=torch.channels_last), metadata["sha256"]  # type: ignore[call-overload]

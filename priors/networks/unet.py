@@ -1,0 +1,120 @@
+"""The network behind the learned priors: a small U-net that is told the noise level of each pixel.
+
+This module imports torch; the priors import it on their first call.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from itertools import pairwise
+
+import torch
+import torch.nn.functional as F
+from torch import nn
+
+from pnp_sci.accel.fusion import Residual
+from priors.networks.denoiser import LIMIT
+
+
+@dataclass(frozen=True)
+class Architecture:
+    """What defines a network.
+
+    Parameters
+    ----------
+    widths, blocks : tuple of int
+        Channels and residual blocks of each scale, finest first.
+    """
+
+    widths: tuple[int, ...]
+    blocks: tuple[int, ...]
+
+    @property
+    def multiple(self) -> int:
+        """Height and width are padded to a multiple of this: the unshuffling, then one halving a further scale."""
+        return 2 ** len(self.widths)
+
+
+SMALL = Architecture(widths=(32, 48, 64), blocks=(1, 1, 2))
+
+
+def reflected(index: torch.Tensor, length: int) -> torch.Tensor:
+    """Bring any index into 0..length-1 by reflection about the first and the last element.
+
+    >>> reflected(torch.arange(-2, 5), 3).tolist()
+    [2, 1, 0, 1, 2, 1, 0]
+    """
+    period = max(2 * (length - 1), 1)
+    folded = index.remainder(period)
+    return torch.minimum(folded, period - folded).clamp(max=length - 1)
+
+
+def conv(inputs: int, outputs: int, size: int = 3, stride: int = 1) -> nn.Conv2d:
+    """Convolution without a bias: the network then scales with its input, D(a x, a sigma) = a D(x, sigma)."""
+    return nn.Conv2d(inputs, outputs, size, stride, padding=(size - 1) // 2, bias=False)
+
+
+def enlargement(fine: int, coarse: int) -> nn.ConvTranspose2d:
+    """Each pixel becomes two by two."""
+    layer = nn.ConvTranspose2d(coarse, fine, 2, 2, bias=False)
+    nn.init.uniform_(layer.weight, -(coarse**-0.5), coarse**-0.5)  # torch itself takes four times `fine` for the inputs
+    return layer
+
+
+def stage(count: int, width: int) -> nn.Sequential:
+    """Residual blocks of two convolutions, at one scale."""
+    bodies = (nn.Sequential(conv(width, width), nn.ReLU(inplace=True), conv(width, width)) for _ in range(count))
+    return nn.Sequential(*map(Residual, bodies))
+
+
+class Network(nn.Module):
+    """Estimates the noise in grey frames, bounded by ``LIMIT * level``: a denoiser is ``x - network(x, level)``.
+
+    Pixel-unshuffling by two and a map of the noise level come from FFDNet (Zhang, Zuo & Zhang, 2018), scale-equivariant
+    residual U-nets without biases from DRUNet (Zhang et al., 2021).
+    """
+
+    def __init__(self, architecture: Architecture = SMALL):
+        super().__init__()
+        self.architecture = architecture
+        widths, blocks = architecture.widths, architecture.blocks
+        self.head = conv(4 + 1, widths[0])
+        self.down = nn.ModuleList(stage(*scale) for scale in zip(blocks, widths))
+        self.up = nn.ModuleList(stage(*scale) for scale in zip(blocks[:-1], widths))
+        self.shrink = nn.ModuleList(conv(fine, coarse, 2, 2) for fine, coarse in pairwise(widths))
+        self.grow = nn.ModuleList(enlargement(fine, coarse) for fine, coarse in pairwise(widths))
+        self.tail = conv(widths[0], 4)
+        nn.init.zeros_(self.tail.weight)
+
+    def forward(self, x: torch.Tensor, level: torch.Tensor) -> torch.Tensor:
+        """Noise in frames x (N, H, W), float32; `level`, of the same shape, is its standard deviation in each pixel."""
+        height, width = x.shape[1:]
+        h, skips = self._see(self._pad(x), self._pad(level)), []
+        for blocks, shrink in zip(self.down, self.shrink):
+            skips.append(blocks(h))
+            h = shrink(skips[-1])
+        h = self.down[-1](h)
+        for blocks, grow in zip(reversed(self.up), reversed(self.grow)):
+            h = blocks(skips.pop() + grow(h))
+        noise = F.pixel_shuffle(self.tail(h).float(), 2)[:, 0, :height, :width]
+        return torch.minimum(torch.maximum(noise, -LIMIT * level), LIMIT * level)
+
+    def _pad(self, x: torch.Tensor) -> torch.Tensor:
+        """Extend the last two dimensions to the next multiple by reflection, whatever their size."""
+        for axis in (-2, -1):
+            size, multiple = x.shape[axis], self.architecture.multiple
+            if size % multiple:
+                padded = torch.arange(-(-size // multiple) * multiple, device=x.device)
+                x = x.index_select(axis, reflected(padded, size))
+        return x
+
+    def _see(self, x: torch.Tensor, level: torch.Tensor) -> torch.Tensor:
+        """First layer: every frame with its noise level, in full precision.
+
+        Rounded to bfloat16, a pixel of 0.9 is off by up to 0.002: half of a faint noise would be the rounding's own.
+        """
+        device = x.device.type
+        seen = torch.cat([F.pixel_unshuffle(x[:, None], 2), F.avg_pool2d(level[:, None], 2)], 1)
+        with torch.autocast(device, enabled=False):
+            h = self.head(seen.contiguous(memory_format=torch.channels_last))
+        return h.to(torch.get_autocast_dtype(device)) if torch.is_autocast_enabled(device) else h
