@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import logging
+from dataclasses import dataclass
 from functools import cache
 
 import numpy as np
@@ -12,10 +13,9 @@ from ofanet_init import files as _weights
 from ofanet_init.network import OFaNet
 from pnp_sci.accel.inference import ready, running, usable
 from pnp_sci.errors import InputError
-from pnp_sci.pipeline.defaults import choose_scene
-from pnp_sci.sensing.noise import estimate_noise
-from pnp_sci.sensing.operator import SensingOperator
+from pnp_sci.plugins.protocols import Decoder
 from pnp_sci.sensing.problem import Problem
+from pnp_sci.sensing.scene_model import SceneModel
 
 ROWS = 512  # that the separator decodes at a time: its layers hold several videos' worth of values
 MARGIN = 64  # rows more on either side: none further away has a part in a pixel
@@ -27,39 +27,64 @@ ERROR = 0.1  # standard deviation of the network's errors, where the video spans
 _log = logging.getLogger("pnp_sci")
 
 
-def ofanet(op: SensingOperator, y: np.ndarray, *, device: str | None = None) -> np.ndarray:
-    """Decode a measurement by OFaNet: separator, optical flow and recurrent refine net.
+@dataclass(frozen=True)
+class OFaNetDecoder(Decoder):
+    """OFaNet as a decoder: separator, optical flow and recurrent refine net.
 
-    What the network gives is moved to the nearest video that measures y, as far as the noise allows: in the mean that
-    can only bring it closer to the scene.
-
-    Where nothing moves in the scene, as :mod:`pnp_sci.scene.select` finds, the separator's frames are averaged instead.
-    Where the measurement is noisy, flow and refine net go over the video but once. Where the weights hold no refine
-    net, the separator decodes alone, and a warning is logged.
+    The network's video is moved to the nearest one that measures y, as far as the noise allows: in the mean that can
+    only bring it closer to the scene. Where the scene model says that nothing moves, the separator's frames are
+    averaged instead. Where the measurement is noisy, flow and refine net go over the video but once.
 
     Parameters
     ----------
-    op : SensingOperator
-        Of V views and B frames for which there are weights; masks >= 0.
-    y : ndarray, (H, W)
-        In units where the video spans about [0, 1].
+    refine : bool
+        Whether flow and refine net serve after the separator. Where the weights hold none, a warning is logged.
     device : str, optional
         Such as "cuda"; by default the CPU.
-
-    Returns
-    -------
-    ndarray, (V, B, H, W)
-        Of the operator's dtype; in the units of y over those of the masks, not clipped.
-
-    Raises
-    ------
-    InputError
-        If there are no weights for so many views and frames, a mask is negative, or the device cannot be used.
 
     Notes
     -----
     After Lu et al., dual-view snapshot compressive imaging via optical flow aided recurrent neural network; trained
     anew, see the model card beside the weights.
+    """
+
+    refine: bool = True
+    device: str | None = None
+
+    @property
+    def needs_scene(self) -> bool:
+        """The separator alone makes no use of a scene model."""
+        return self.refine
+
+    def __call__(self, problem: Problem, scene: SceneModel) -> np.ndarray:
+        """Decode a measurement.
+
+        Returns
+        -------
+        ndarray, (V, B, H, W)
+            Of the operator's dtype, in the problem's units, not clipped.
+
+        Raises
+        ------
+        InputError
+            If there are no weights for so many views and frames, a mask is negative, or the device cannot be used.
+        """
+        op = problem.op
+        if op.masks.min() < 0:
+            raise InputError("masks has negative values: OFaNet needs masks >= 0")
+        place = usable(self.device)
+        network = _network(*op.shape[:2], place)
+        refine = self.refine and not scene.nothing_moves
+        if refine and not network.refiners:
+            _log.warning("OFaNet has no refine net for %d x %d frames: its separator decodes alone", *op.shape[:2])
+        video = _decoded(network, problem, place, refine)
+        if self.refine and scene.nothing_moves:
+            return np.broadcast_to(video.mean(1, keepdims=True), op.shape).copy()
+        return video
+
+
+def ofanet(device: str | None = None) -> OFaNetDecoder:
+    """OFaNet: separator, optical flow and recurrent refine net; `device` such as "cuda", by default the CPU.
 
     Examples
     --------
@@ -68,35 +93,25 @@ def ofanet(op: SensingOperator, y: np.ndarray, *, device: str | None = None) -> 
     >>> pnp_sci.decode(scene.y, scene.masks, model="ofanet").x.shape
     (2, 10, 64, 64)
     """
-    if choose_scene("auto", Problem(op, y, 1.0, estimate_noise(op, y))).nothing_moves:
-        first = ofanet_fast(op, y, device=device)
-        return np.broadcast_to(first.mean(1, keepdims=True), op.shape).copy()
-    return _decoded(op, y, device, refine=True)
+    return OFaNetDecoder(True, device)
 
 
-def ofanet_fast(op: SensingOperator, y: np.ndarray, *, device: str | None = None) -> np.ndarray:
-    """Decode a measurement by OFaNet's diversity amplifier and dual-net separator without refine net; see `ofanet`."""
-    return _decoded(op, y, device, refine=False)
+def ofanet_fast(device: str | None = None) -> OFaNetDecoder:
+    """OFaNet without refine net: diversity amplifier and dual-net separator; see :func:`ofanet`."""
+    return OFaNetDecoder(False, device)
 
 
-def _decoded(op: SensingOperator, y: np.ndarray, device: str | None, refine: bool) -> np.ndarray:
-    views, frames = op.shape[:2]
-    if op.masks.min() < 0:
-        raise InputError("masks has negative values: OFaNet needs masks >= 0")
+def _decoded(network: OFaNet, problem: Problem, place: torch.device, refine: bool) -> np.ndarray:
+    op, y, noise = problem.op, problem.y, problem.typical_noise
     largest = float(op.masks.max()) or 1.0
-    noise = estimate_noise(op, y)
     # where a pixel's noise exceeds the errors a second pass over the video gains nothing, or loses 0.1 dB
     passes = 1 if noise > ERROR * np.sqrt(op.gram.mean()) else None
-    place = usable(device)
-    network = _network(views, frames, place)
-    if refine and not network.refiners:
-        _log.warning("OFaNet has no refine net for %d x %d frames: its separator decodes alone", views, frames)
 
     def estimate(rows: slice) -> np.ndarray:
         masks = torch.from_numpy(op.masks[:, :, rows].astype(np.float32) / np.float32(largest))[None].to(place)
         measurement = torch.from_numpy((y[rows] * (BRIGHTNESS / largest)).astype(np.float32))[None].to(place)
         with running(place):
-            estimates = network(measurement, masks, refine, orders=views, passes=passes)
+            estimates = network(measurement, masks, refine, orders=op.shape[0], passes=passes)
             return estimates.refined[0].float().cpu().numpy() / np.float32(BRIGHTNESS)
 
     if refine and network.refiners:  # flows see far

@@ -52,7 +52,7 @@ def require_finite(name: str, array: np.ndarray) -> None:
         )
 
 
-def number(name: str, value: Any, expected: str = "a finite number >= 0") -> float:
+def finite_number(name: str, value: Any, expected: str = "a finite number >= 0") -> float:
     """`value` as a float, finite and >= 0."""
     try:
         converted = float(value) if isinstance(value, Real) else math.nan

@@ -7,19 +7,16 @@ opposite, as (256, 256, 8) does in an NPY file, is refused rather than guessed a
 
 from __future__ import annotations
 
-import os
-import shutil
-from collections.abc import Iterator, Mapping
-from contextlib import contextmanager
+from collections.abc import Mapping
 from pathlib import Path
 from typing import Any, NamedTuple
-from uuid import uuid4
 
 import numpy as np
 
 from pnp_sci._validate import whole
 from pnp_sci.errors import FormatError, InputError, InputTypeError
 from pnp_sci.formats import arrays as _formats
+from pnp_sci.formats.replacing import replacing
 
 _NAMES = {
     "measurement": ("meas", "y", "measurement"),
@@ -143,7 +140,7 @@ def write(path: str | Path, array: Any) -> None:
     for key, a in arrays.items():
         if a.dtype.kind not in "biuf":
             raise InputTypeError(f"{key} has dtype {a.dtype}: real numbers were expected")
-    with _replacing(Path(path)) as temporary:
+    with replacing(Path(path)) as temporary:
         _formats.save(temporary, arrays)
 
 
@@ -170,27 +167,8 @@ def write_video(path: str | Path, frames: Any, fps: float = 10) -> None:
         )
     if not fps > 0:
         raise InputError(f"fps is {fps}: a number > 0 was expected")
-    with _replacing(path) as temporary:
+    with replacing(path) as temporary:
         _formats.save_video(temporary, np.asarray(frames), fps)
-
-
-@contextmanager
-def _replacing(path: Path) -> Iterator[Path]:
-    """A temporary path beside `path` that takes its place if all goes well, and is removed if not."""
-    if not path.parent.is_dir():
-        raise FileNotFoundError(f"{path}: there is no folder {path.parent}")
-    if path.is_dir() and any(path.iterdir()):
-        raise FileExistsError(f"{path} is a folder that is not empty: remove it first")
-    temporary = path.with_name(f".{path.stem}-{uuid4().hex[:8]}{path.suffix}")
-    try:
-        yield temporary
-        os.replace(temporary, path)
-    except BaseException:
-        if temporary.is_dir():
-            shutil.rmtree(temporary, ignore_errors=True)
-        else:
-            temporary.unlink(missing_ok=True)
-        raise
 
 
 def _find(path: Path, kind: str, key: str | None) -> tuple[str, np.ndarray]:

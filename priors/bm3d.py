@@ -2,12 +2,13 @@
 
 from __future__ import annotations
 
-from numbers import Integral
+from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
 
-from pnp_sci.errors import InputError
+from pnp_sci._validate import whole
+from pnp_sci.plugins.protocols import Prior, Session, Traits
 from priors.kernels import bm3d as kernels
 from priors.tv import TV
 
@@ -25,7 +26,8 @@ LEAST, NOTHING = 1e-3, 1e-15  # least sigma of a group, in that of the noisiest 
 MIDDLE = slice(kernels.SIDE // 2, 1 - kernels.SIDE // 2, kernels.STEP)  # pixels in the middle of patches
 
 
-class BM3D:
+@dataclass(frozen=True)
+class BM3D(Prior):
     """Frame by frame, groups of patches that look alike, filtered together.
 
     Eight patches of 8 x 8 pixels become a cube, its transform (cosines along rows and columns, Haar across the patches)
@@ -37,12 +39,12 @@ class BM3D:
     Parameters
     ----------
     first : int
-        Calls at the beginning of a video that are left to :class:`priors.tv.TV`, >= 0; 0 for a call by itself.
+        Calls at the beginning of a video that are left to :class:`priors.tv.TV`, >= 0.
 
     Raises
     ------
     InputError
-        If `first` is not a whole number >= 0, or x is not (V, B, H, W).
+        If `first` is not a whole number >= 0.
 
     References
     ----------
@@ -51,88 +53,60 @@ class BM3D:
 
     Examples
     --------
-    >>> import numpy as np
+    >>> import numpy as np, pnp_sci
     >>> x = np.zeros((1, 1, 32, 32), np.float32); x[..., 16:] = 1
     >>> noisy = x + 0.1 * np.random.default_rng(0).standard_normal(x.shape).astype(np.float32)
-    >>> bool(np.std(BM3D(first=0)(noisy, 0.1) - x) < 0.3 * np.std(noisy - x))
+    >>> bool(np.std(pnp_sci.denoise(noisy, 0.1, BM3D()) - x) < 0.3 * np.std(noisy - x))
     True
     """
 
-    thorough = True
+    first: int = FIRST
 
-    def __init__(self, first: int = FIRST):
-        if not isinstance(first, Integral) or first < 0:
-            raise InputError(f"first is {first!r}: a whole number >= 0 was expected")
-        self.first, self._before = int(first), TV()
-        self.reset()
+    def __post_init__(self):
+        whole("first", self.first, 0)
 
-    def __repr__(self) -> str:
-        return f"BM3D(first={self.first})"
+    def traits(self, shape: tuple[int, ...]) -> Traits:
+        """Strong after total variation; estimates change from groups to groups."""
+        return Traits(strong=True, warmup=(TV(), self.first), average=_has_patches(shape))
 
-    def reset(self) -> None:
-        """Forget the last result and what TV keeps: the next call starts a new video."""
-        self._calls = 0
-        self._filtered = 0  # calls that TV had no part in
-        self._signal, self._groups = np.empty(0, np.float32), np.empty(0, np.int32)
-        self._fits: tuple[int, ...] | None = None
-        self._before.reset()
+    def begin(self, shape: tuple[int, ...], dtype: np.dtype) -> Session:
+        """A session without groups; of total variation where frames are smaller than a patch."""
+        return BM3DSession() if _has_patches(shape) else TV().begin(shape, dtype)
 
-    @property
-    def restless(self) -> bool:
-        """Whether a solver's estimates flicker, from groups to groups."""
-        return self._filtered > 0
 
-    def __call__(self, x: Any, sigma: float | np.ndarray) -> np.ndarray:
-        """Denoise x (V, B, H, W), values about [0, 1]; computed in float32.
+def _has_patches(shape: tuple[int, ...]) -> bool:
+    return min(shape[2:]) >= kernels.SIDE
 
-        Parameters
-        ----------
-        x : array_like, (V, B, H, W)
-            What is not finite spoils the results until `reset`.
-        sigma : float or ndarray, (V, B, H, W)
-            Standard deviation of the noise in the units of x, >= 0, or that of each pixel: a group has that in the
-            middle of its first patch, and a thousandth of the largest in its frame at least. Calls of TV have the mean.
-            At 0 everywhere a copy of x is returned.
 
-        Raises
-        ------
-        InputError
-            If x is not (V, B, H, W), or sigma neither a number nor one for each of its values, finite and >= 0.
+class BM3DSession(Session):
+    """Collaborative filtering of one video: the last result and the groups that it shows."""
 
-        Returns
-        -------
-        ndarray, (V, B, H, W)
-            In x's dtype if that is float64, else float32.
+    def __init__(self):
+        self.calls = 0
+        self.signal, self.groups = np.empty(0, np.float32), np.empty(0, np.int32)
+
+    def __call__(self, v: np.ndarray, sigma: float | np.ndarray, out: np.ndarray | None = None) -> np.ndarray:
+        """Denoise v (V, B, H, W), computed in float32.
+
+        `sigma` may be that of each pixel (V, B, H, W): a group has that in the middle of its first patch, and a
+        thousandth of the largest in its frame at least.
         """
-        if self._fits != np.shape(x):
-            self.reset()
-            self._fits = np.shape(x)
-        self._calls += 1
-        if np.ndim(sigma) and (np.shape(sigma) != np.shape(x) or not np.isfinite(sigma).all() or np.min(sigma) < 0):
-            raise InputError(f"sigma has shape {np.shape(sigma)}: finite values >= 0 in x's shape were expected")
-        if self._calls <= self.first or not np.max(sigma, initial=0) >= FAINT:
-            return self._before(x, float(np.mean(sigma)))
-        v = np.asarray(x)
-        v = np.ascontiguousarray(v, np.float64 if v.dtype == np.float64 else np.float32)
-        if v.ndim != 4 or v.size == 0:
-            raise InputError(f"x has shape {v.shape}: (views, frames, rows, columns) was expected, none of them 0")
+        if not np.max(sigma, initial=0) >= FAINT:
+            return v
         rows, columns = v.shape[2:]
-        if min(rows, columns) < kernels.SIDE:  # no patch is like another where there is hardly one
-            return self._before(v, float(np.mean(sigma)))
         margins = ((0, 0), *((0, -n % kernels.STEP) for n in (rows, columns)))
         frames = np.pad(v.reshape(-1, rows, columns).astype(np.float32, copy=False), margins, mode="edge")
         level = sigma
         if np.ndim(sigma):
             level = np.pad(np.reshape(sigma, (-1, rows, columns)), margins, mode="edge")[:, MIDDLE, MIDDLE]
-        strength = STRENGTH if self._filtered else 1
-        if not self._filtered:
-            self._signal = filtered(frames, level, groups(frames))
-        if self._filtered % RENEW == 0:
-            self._groups = groups(self._signal)
-        self._filtered += 1
-        self._signal = filtered(frames, strength * level, self._groups, self._signal)
-        clean = self._signal[:, :rows, :columns].reshape(v.shape)
-        return clean.astype(v.dtype)
+        strength = STRENGTH if self.calls else 1
+        if not self.calls:
+            self.signal = filtered(frames, level, groups(frames))
+        if self.calls % RENEW == 0:
+            self.groups = groups(self.signal)
+        self.calls += 1
+        self.signal = filtered(frames, strength * level, self.groups, self.signal)
+        return self.signal[:, :rows, :columns].reshape(v.shape)
 
 
 def groups(frames: np.ndarray) -> np.ndarray:

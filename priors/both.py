@@ -1,35 +1,34 @@
-"""Two priors that find motion and likeness each in its own way, together."""
+"""The prior "both": flow and video together, whose errors differ."""
 
 from __future__ import annotations
 
+from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
 
 from pnp_sci.plugins.combine import Joint
-from priors.assisted import FIRST_OF_VIDEO, video
+from pnp_sci.plugins.protocols import Prior, Session, Traits
 from priors.flow import Flow
 from priors.motion.measure import may_show_motion
+from priors.video import FIRST, Video
 
-# What `flow` and `video` count. On 18 moving cases of validation clips, with few frames and many, one view and two,
-# with noise and without, `video` alone has 0.06 to 0.23 dB less in the mean of a kind; in one case 0.04 more.
-# Counting the same they gain 0.05 dB less; the mean of the results of two solvers gains as much. (With `flow` of two
-# neighbours; with three, as it is now, `both` is as good.)
-SHARES = 0.3, 0.7
+SHARES = 0.3, 0.7  # weights of flow and video in the mean
 
 
-class Both(Joint):
+@dataclass(frozen=True)
+class Both(Prior):
     """Means, 3 parts to 7, of what the priors `flow` and `video` make of frames that move; else `video` alone.
 
-    They err differently: they find the motion in other pictures, and what one draws where it knows too little the other
-    does not. Clips of one frame, and frames below 32 pixels a side, show no motion: there a mean is no better.
+    Their errors differ: they measure the motion in different pictures, and artefacts of one are absent in the other.
+    Single frames, and frames below 32 pixels a side, show no motion: there a mean is no better.
 
     Parameters
     ----------
     weights, device
-        As for the network, :class:`priors.video.VideoDenoiser`.
+        As for :class:`priors.video.Video`.
     first : int
-        Calls at the beginning that TV has for itself, >= 0.
+        Calls at the beginning of a video that are left to total variation, >= 0.
 
     Raises
     ------
@@ -38,18 +37,26 @@ class Both(Joint):
 
     Examples
     --------
-    >>> denoise = Both()
-    >>> denoise(np.full((1, 2, 8, 8), 0.5), sigma=0.05).shape
-    (1, 2, 8, 8)
+    >>> import pnp_sci
+    >>> pnp_sci.denoise(np.full((1, 2, 32, 32), 0.5), 0.05, Both()).shape
+    (1, 2, 32, 32)
     """
 
-    def __init__(self, weights: str | Path | None = None, device: str | None = None, first: int = FIRST_OF_VIDEO):
-        self.flow, self.video = Flow(first=first), video(weights, device, first)
-        super().__init__([self.flow, self.video], SHARES)
+    weights: str | Path | None = None
+    device: str | None = None
+    first: int = FIRST
 
-    def __call__(self, x: np.ndarray, sigma: float) -> np.ndarray:
-        """Denoise x (V, B, H, W), values about [0, 1]; arguments, result and errors are those of `video`."""
-        if np.ndim(x) == 4 and may_show_motion(np.shape(x)):
-            return super().__call__(x, sigma)
-        self.flow.reset()  # another video begins
-        return self.video(x, sigma)
+    def __post_init__(self):
+        self._serving((1, 1, 1, 1))  # which checks the fields
+
+    def traits(self, shape: tuple[int, ...]) -> Traits:
+        """Those of both, or of `video` alone."""
+        return self._serving(shape).traits(shape)
+
+    def begin(self, shape: tuple[int, ...], dtype: np.dtype) -> Session:
+        """Sessions of both, or one of `video` alone."""
+        return self._serving(shape).begin(shape, dtype)
+
+    def _serving(self, shape: tuple[int, ...]) -> Prior:
+        video = Video(self.weights, self.device, self.first)
+        return Joint([Flow(first=self.first), video], SHARES) if may_show_motion(shape) else video

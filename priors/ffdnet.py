@@ -1,16 +1,30 @@
-"""A learned prior for single frames."""
+"""The prior "ffdnet": a small network knows what pictures look like."""
 
 from __future__ import annotations
 
-from priors.networks.denoiser import Learned
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+
+from pnp_sci._validate import whole
+from pnp_sci.plugins.protocols import Prior, Session, Traits
+from priors.networks.image import ImageNet
+from priors.session import NetworkSession
+from priors.tv import TV
+
+FIRST = 30  # calls of TV before the network sees anything
+STRONGER = 1.5  # sigma that the network is told, in units of the solver's
+BESIDE = 0.4  # strength of TV before the network
 
 
-class FFDNet(Learned):
-    """Learned image denoiser, frame by frame.
+@dataclass(frozen=True)
+class FFDNet(Prior):
+    """A network denoises each frame, after a warm-up by total variation and with a little of it before each call.
 
     A network after FFDNet: it works on pixels unshuffled by two and takes a map of the noise level, so that one set of
-    weights serves any noise (trained for standard deviations of 0 to 75 of 255; beyond, scale-equivariance stands in).
-    Unlike FFDNet it has three scales and a third of a million parameters, which makes it several times quicker.
+    weights serves any noise (trained for standard deviations of 0 to 75 of 255). Unlike FFDNet it has three scales and
+    a third of a million parameters, which makes it several times quicker. Needs the extra ``learned``.
 
     Parameters
     ----------
@@ -18,6 +32,13 @@ class FFDNet(Learned):
         Safetensors file written by ``python -m priors.train ffdnet``; by default the weights of this package.
     device : str, optional
         Torch device such as ``"cuda"``; by default the CPU, in bfloat16 where the processor multiplies it natively.
+    first : int
+        Calls at the beginning of a video that are left to total variation, >= 0.
+
+    Raises
+    ------
+    InputError
+        If `first` is not a whole number >= 0.
 
     References
     ----------
@@ -26,10 +47,23 @@ class FFDNet(Learned):
 
     Examples
     --------
-    >>> import numpy as np
-    >>> denoise = FFDNet()
-    >>> denoise(np.full((1, 2, 8, 8), 0.5), sigma=0).mean()  # no noise: nothing to do, nothing loaded
-    np.float64(0.5)
+    >>> import pnp_sci
+    >>> pnp_sci.denoise(np.full((1, 2, 8, 8), 0.5), 0.05, FFDNet()).shape
+    (1, 2, 8, 8)
     """
 
-    name = "ffdnet"
+    weights: str | Path | None = None
+    device: str | None = None
+    first: int = FIRST
+
+    def __post_init__(self):
+        whole("first", self.first, 0)
+
+    def traits(self, shape: tuple[int, ...]) -> Traits:
+        """A strong network; estimates of single frames change from turn to turn."""
+        return Traits(strong=True, network=True, warmup=(TV(), self.first), average=shape[1] == 1)
+
+    def begin(self, shape: tuple[int, ...], dtype: np.dtype) -> Session:
+        """A session with the network loaded."""
+        beside = TV(BESIDE, still=False).begin(shape, dtype)
+        return NetworkSession(ImageNet(self.weights, self.device), beside, STRONGER, self.first)

@@ -2,14 +2,17 @@
 
 from __future__ import annotations
 
-from numbers import Integral
+from collections.abc import Mapping
+from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
 
+from pnp_sci._validate import whole
 from pnp_sci.errors import InputError
-from priors.bm3d import BM3D
-from priors.motion.measure import SMALLEST, Motion, finished, measure
+from pnp_sci.plugins.protocols import Prior, Session, Traits
+from priors.bm3d import BM3D, BM3DSession
+from priors.motion.measure import Motion, finished, may_show_motion, measure
 from priors.tv import TV
 
 # Calls of TV alone, cheap beside the others. On validation clips, 128 x 128, and with 30 calls after them, 60 gain 0.1
@@ -35,7 +38,8 @@ GRAIN = np.float32(1.6)
 FAINT = 1e-4  # of the range of x: smaller differences than that are not worth an average
 
 
-class Flow:
+@dataclass(frozen=True)
+class Flow(Prior):
     """Each frame of a view averaged with its neighbours along their motion, on top of total variation.
 
     The first 60 calls are those of :class:`priors.tv.TV`, and so are all with a sigma above 0.35. Then every fourth
@@ -66,7 +70,7 @@ class Flow:
     Raises
     ------
     InputError
-        If a parameter is out of its range, or x is not (V, B, H, W).
+        If a parameter is out of its range.
 
     References
     ----------
@@ -75,98 +79,80 @@ class Flow:
 
     Examples
     --------
-    >>> import numpy as np
-    >>> x = np.zeros((1, 3, 32, 32), np.float32)
-    >>> Flow()(x, 0.05).shape
+    >>> import numpy as np, pnp_sci
+    >>> pnp_sci.denoise(np.zeros((1, 3, 32, 32)), 0.05, Flow()).shape
     (1, 3, 32, 32)
     """
 
-    thorough = True
+    neighbours: int = NEIGHBOURS
+    tolerance: float = TOLERANCE
+    drift: float = 1.5
+    first: int = FIRST
+    still: bool = True
 
-    def __init__(
-        self,
-        neighbours: int = NEIGHBOURS,
-        tolerance: float = TOLERANCE,
-        drift: float = 1.5,
-        first: int = FIRST,
-        still: bool = True,
-    ):
-        if int(neighbours) != neighbours or neighbours < 1:
-            raise InputError(f"neighbours is {neighbours}: a whole number >= 1 was expected")
-        if not isinstance(first, Integral) or first < 0:
-            raise InputError(f"first is {first!r}: a whole number >= 0 was expected")
-        for name, value in (("tolerance", tolerance), ("drift", drift)):
+    def __post_init__(self):
+        whole("neighbours", self.neighbours, 1)
+        whole("first", self.first, 0)
+        for name, value in (("tolerance", self.tolerance), ("drift", self.drift)):
             if not 0 < value < np.inf:
                 raise InputError(f"{name} is {value}: a number > 0 was expected")
-        self.neighbours, self.tolerance, self.drift = int(neighbours), float(tolerance), float(drift)
-        self.first, self.still = int(first), bool(still)
-        self._before, self._frames, self._patches = TV(still=still), TV(STRENGTH, time=0, inner=3), BM3D(first=0)
-        self.reset()
 
-    def __repr__(self) -> str:
-        numbers = f"neighbours={self.neighbours}, tolerance={self.tolerance}, drift={self.drift}, first={self.first}"
-        return f"{type(self).__name__}({numbers}, still={self.still})"
+    def traits(self, shape: tuple[int, ...]) -> Traits:
+        """Strong after total variation; estimates change with the motion and the groups."""
+        average = shape[1] == 1 or may_show_motion(shape)
+        return Traits(strong=True, warmup=(TV(still=self.still), self.first), serves_below=LOUD, average=average)
 
-    def reset(self) -> None:
-        """Forget the flow and what TV keeps: the next call starts a new video."""
-        self._calls = 0
-        self._fits: tuple[int, ...] | None = None
-        self._motion: list[Motion] = []
-        self._at_rest: list[float] = []
-        self._left = np.empty(0, np.float32)  # of each pixel, what BM3D is told, in units of sigma
-        for denoiser in (self._before, self._frames, self._patches):
-            denoiser.reset()
+    def begin(self, shape: tuple[int, ...], dtype: np.dtype) -> Session:
+        """A session without motion; of BM3D for single frames, of total variation for small ones."""
+        if shape[1] == 1:
+            return BM3D().begin(shape, dtype)
+        if not may_show_motion(shape):
+            return TV(still=self.still).begin(shape, dtype)
+        return FlowSession(self, shape, dtype)
 
-    @property
-    def restless(self) -> bool:
-        """As BM3D says of itself."""
-        return self._patches.restless
 
-    @property
-    def at_rest(self) -> list[float]:
-        """The part of each view that stands still, as last measured."""
-        return self._at_rest or self._before.at_rest
+class FlowSession(Session):
+    """Averages along the motion of one video, then BM3D."""
 
-    def __call__(self, x: Any, sigma: float) -> np.ndarray:
-        """Denoise x (V, B, H, W), values about [0, 1]; see :class:`priors.tv.TV` for arguments and result."""
-        shape = np.shape(x)
-        if self._fits != shape:
-            self.reset()
-            self._fits = shape
-        self._calls += 1
-        if self._calls <= self.first or sigma > LOUD or self.tolerance * sigma < FAINT:
-            return self._before(x, sigma)
-        several = len(shape) == 4 and shape[1] > 1
-        if several and min(shape[2:]) < SMALLEST:
-            return self._before(x, sigma)
-        if not several:
-            return self._patches(x, sigma)
-        mean = self._averaged(self._frames(x, sigma), sigma)
-        return self._patches(mean, sigma * self._left)
+    def __init__(self, prior: Flow, shape: tuple[int, ...], dtype: np.dtype):
+        self.prior, self.calls = prior, 0
+        self.frames, self.patches = TV(STRENGTH, time=0, inner=3).begin(shape, dtype), BM3DSession()
+        self.motion: list[Motion] = []
+        self.still: list[float] = []
+        self.left = np.empty(0, np.float32)  # of each pixel, what BM3D is told, in units of sigma
+
+    def __call__(self, v: np.ndarray, sigma: float, out: np.ndarray | None = None) -> np.ndarray:
+        """Denoise v (V, B, H, W)."""
+        if self.prior.tolerance * sigma < FAINT:
+            return v
+        self.calls += 1
+        mean = self._averaged(self.frames(v, sigma), sigma)
+        return self.patches(mean, sigma * self.left)
 
     def _averaged(self, v: np.ndarray, sigma: float) -> np.ndarray:
         """Each frame of v (V, B, H, W) averaged with its neighbours along their motion."""
-        if (self._calls - self.first) % RENEW == 1 or not self._motion:
-            seeing = self.neighbours, self.tolerance * sigma, self.drift, self._rest(sigma)
-            before = self._motion or [None] * len(v)
-            self._motion = [measure(view, *seeing, motion) for view, motion in zip(v, before)]
-            self._at_rest = [seen.at_rest for seen in self._motion]
-            self._left = np.stack([GRAIN * seen.remaining for seen in self._motion])
+        if self.calls % RENEW == 1 or not self.motion:
+            seeing = self.prior.neighbours, self.prior.tolerance * sigma, self.prior.drift, self._rest(sigma)
+            before = self.motion or [None] * len(v)
+            self.motion = [measure(view, *seeing, motion) for view, motion in zip(v, before)]
+            self.still = [seen.at_rest for seen in self.motion]
+            self.left = np.stack([GRAIN * seen.remaining for seen in self.motion])
         out = np.empty_like(v)
-        for view, seen, averaged in zip(v, self._motion, out):
+        for view, seen, averaged in zip(v, self.motion, out):
             seen.average(view, averaged)
         return out
 
     def finish(self, x: np.ndarray, sigma: float) -> np.ndarray:
-        """The last estimate x (V, B, H, W) of a solver, averaged once more, along the motion that it shows itself.
-
-        Where calls have measured no motion, x comes back as it is.
-        """
-        if not self._motion:
+        """The last estimate x (V, B, H, W), averaged once more, along the motion that it shows itself."""
+        if not self.motion:
             return x
-        self._motion, self._left = [], self._left[:0]  # a further call measures anew; until then they would take memory
-        return finished(x, sigma, self.neighbours, self.drift, self._rest(sigma))
+        self.motion, self.left = [], self.left[:0]  # their memory is needed no more
+        return finished(x, sigma, self.prior.neighbours, self.prior.drift, self._rest(sigma))
+
+    def facts(self) -> Mapping[str, Any]:
+        """The part of each view that stands still, as last measured."""
+        return {"still": self.still}
 
     def _rest(self, sigma: float) -> float:
         """Standard deviation along time at which a pixel counts 1/e as still; 0 where none may."""
-        return min(REST * sigma, REST_MOST) if self.still else 0.0
+        return min(REST * sigma, REST_MOST) if self.prior.still else 0.0

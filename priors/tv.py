@@ -2,12 +2,15 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
+from dataclasses import dataclass
 from numbers import Real
 from typing import Any, Literal
 
 import numpy as np
 
 from pnp_sci.errors import InputError
+from pnp_sci.plugins.protocols import Prior, Session
 
 # Length of a dual step, 1 being Chambolle's. Measured in the solver with one step a call: 1.3 is still stable, 1.5 is
 # not; primal-dual methods of fixed weights converge below 4/3, and TV alone below 2.
@@ -37,11 +40,12 @@ TIME_NOISY, LOUD = 0.15, 0.25
 REST, REST_FRAMES, REST_MOST, LOOK = 0.02, 20, 0.03, 20
 
 
-class TV:
-    """Total-variation denoiser: over rows and columns of each frame and, weighted, along time; never across views.
+@dataclass(frozen=True)
+class TV(Prior):
+    """Total variation: over rows and columns of each frame and, weighted, along time; never across views.
 
-    Solves ``min_x ||x - v||^2 / (2 w) + TV(x)`` with ``w = strength * sigma`` by Chambolle's dual projection. The dual
-    variable is kept between calls, so that inside a solver one step a call suffices; `reset` forgets it.
+    Solves ``min_x ||x - v||^2 / (2 w) + TV(x)`` with ``w = strength * sigma`` by Chambolle's dual projection. A session
+    keeps the dual variable between calls, so that inside a solver one step a call suffices.
 
     Parameters
     ----------
@@ -66,7 +70,7 @@ class TV:
     Raises
     ------
     InputError
-        If a parameter is out of its range, or x is not (V, B, H, W).
+        If a parameter is out of its range.
 
     References
     ----------
@@ -77,121 +81,91 @@ class TV:
 
     Examples
     --------
-    >>> import numpy as np
+    >>> import numpy as np, pnp_sci
     >>> x = np.zeros((1, 1, 8, 8), np.float32); x[..., 4:] = 1
     >>> noisy = x + 0.1 * np.random.default_rng(0).standard_normal(x.shape).astype(np.float32)
-    >>> bool(np.std(TV(inner=100)(noisy, 0.1) - x) < np.std(noisy - x))
+    >>> bool(np.std(pnp_sci.denoise(noisy, 0.1, TV(inner=100)) - x) < np.std(noisy - x))
     True
     """
 
-    def __init__(
-        self,
-        strength: float = 1.0,
-        inner: int | Literal["auto"] = "auto",
-        time: float | Literal["auto"] = "auto",
-        isotropic: bool = True,
-        still: bool = True,
-    ):
-        if not 0 < strength < np.inf:
-            raise InputError(f"strength is {strength}: a number > 0 was expected")
-        if inner != "auto" and not (isinstance(inner, Real) and inner >= 1 and inner == int(inner)):
-            raise InputError(f'inner is {inner!r}: "auto" or a whole number >= 1 was expected')
-        if time != "auto" and not (isinstance(time, (int, float)) and 0 <= time < np.inf):
-            raise InputError(f'time is {time!r}: "auto" or a number >= 0 was expected')
-        self.strength, self.time, self.isotropic, self.still = float(strength), time, bool(isotropic), bool(still)
-        self.inner: int | Literal["auto"] = inner if inner == "auto" else int(inner)
-        self.reset()
+    strength: float = 1.0
+    inner: int | Literal["auto"] = "auto"
+    time: float | Literal["auto"] = "auto"
+    isotropic: bool = True
+    still: bool = True
 
-    def __repr__(self) -> str:
-        along = f"time={self.time!r}, isotropic={self.isotropic}, still={self.still}"
-        return f"TV(strength={self.strength}, inner={self.inner!r}, {along})"
+    def __post_init__(self):
+        if not 0 < self.strength < np.inf:
+            raise InputError(f"strength is {self.strength}: a number > 0 was expected")
+        if self.inner != "auto" and not (isinstance(self.inner, Real) and 1 <= self.inner == int(self.inner)):
+            raise InputError(f'inner is {self.inner!r}: "auto" or a whole number >= 1 was expected')
+        if self.time != "auto" and not (isinstance(self.time, Real) and 0 <= self.time < np.inf):
+            raise InputError(f'time is {self.time!r}: "auto" or a number >= 0 was expected')
 
-    def reset(self) -> None:
-        """Forget the dual variable and what was measured: the next call starts a new video."""
-        self._calls = 0
-        self._fits: tuple[tuple[int, ...], np.dtype] | None = None
-        self._dual: list[np.ndarray] = []
-        self._weights = np.empty(0)
-        self._still: list[np.ndarray] = []  # of each view, how surely a pixel shows the same in all frames (H, W)
+    def begin(self, shape: tuple[int, ...], dtype: np.dtype) -> TVSession:
+        """A session with a dual variable of 0."""
+        return TVSession(self, shape, dtype)
 
-    @property
-    def at_rest(self) -> list[float]:
-        """The part of each view that stands still, as last measured."""
-        return [float(still.mean()) for still in self._still]
 
-    def __call__(self, x: Any, sigma: float, out: np.ndarray | None = None) -> np.ndarray:
-        """Denoise x (V, B, H, W), values about [0, 1].
+class TVSession(Session):
+    """Total variation at work on one video: the dual variable, weights along time, and what stands still."""
 
-        Parameters
-        ----------
-        x : array_like, (V, B, H, W)
-            What is not finite spoils the dual variable until `reset`.
-        sigma : float
-            Standard deviation of the noise in the units of x, >= 0. At 0 a copy of x is returned.
-        out : ndarray, optional
-            Where the result goes, C-ordered, of x's shape and dtype; may be x itself.
+    def __init__(self, prior: TV, shape: tuple[int, ...], dtype: np.dtype):
+        self.prior, self.calls = prior, 0
+        views, frames, rows, columns = shape
+        along_time = frames > 1 and prior.time != 0
+        before_first = (columns, 1, rows * columns)
+        sizes = [(int(np.prod(shape)) + n) * used for n, used in zip(before_first, (True, True, along_time))]
+        self.dual = [np.zeros(size, np.int16) for size in sizes]
+        constant = TIME_BEFORE if prior.time == "auto" else prior.time
+        self.weights = np.full((views, rows, columns), constant if along_time else 0, dtype)
+        self.still: list[np.ndarray] = []  # of each view, how surely a pixel shows the same in all frames (H, W)
 
-        Returns
-        -------
-        ndarray, (V, B, H, W)
-            In x's dtype if that is float64, else float32.
-        """
+    def __call__(self, v: np.ndarray, sigma: float, out: np.ndarray | None = None) -> np.ndarray:
+        """Denoise v (V, B, H, W)."""
         from priors.kernels.still import tie
         from priors.kernels.tv import denoise
 
-        v = np.asarray(x)
-        v = np.ascontiguousarray(v, np.float64 if v.dtype == np.float64 else np.float32)
-        if v.ndim != 4:
-            raise InputError(f"x has shape {v.shape}: (views, frames, rows, columns) was expected")
-        if not sigma >= 0:
-            raise InputError(f"sigma is {sigma}: a number >= 0 was expected")
         out = np.empty_like(v) if out is None else out
-        if (out.shape, out.dtype) != (v.shape, v.dtype) or not out.flags.c_contiguous:
-            raise InputError(f"out is {out.dtype} {out.shape}: C-ordered {v.dtype} {v.shape} was expected")
         if out is not v:
             np.copyto(out, v)
-        weight = min(self.strength * sigma, ALL)
+        weight = min(self.prior.strength * sigma, ALL)
         if weight < NOTHING:
             return out
-        self._fit(v)
-        steepness = 1 + float(self._weights.max(initial=0)) ** 2 / 2  # |gradient|^2 <= 8 times this
+        steepness = 1 + float(self.weights.max(initial=0)) ** 2 / 2  # |gradient|^2 <= 8 times this
         one = self._unit(np.int16 if v.dtype == np.float32 and weight * steepness <= COARSE else np.int32)
         units = (v.dtype.type(a) for a in (weight / one, STEP * one / (8 * steepness * weight), one))
-        steps = min(max(round(STEPS_PER_WEIGHT * weight), 1), MOST_STEPS) if self.inner == "auto" else self.inner
-        denoise(out, steps, *units, self.isotropic, self._weights, tuple(self._dual))
-        self._calls += 1
-        if self._calls == SETTLE and self.time == "auto" and v.shape[1] > 1 and sigma <= LOUD:
-            if sigma <= TRUSTED:
-                self._weights = np.stack([time_weights(view) for view in out])
-            else:
-                self._weights[:] = TIME_NOISY
-        if self.still and self._calls >= SETTLE and self.time == "auto" and v.shape[1] > 1 and sigma <= LOUD:
-            if (self._calls - SETTLE) % LOOK == 0:
-                rest = float(min(REST * min(v.shape[0] * v.shape[1], REST_FRAMES) * weight, REST_MOST))
-                self._still = [at_rest(view, rest) for view in out]
-            for view, still in zip(out, self._still):
+        steps = self.prior.inner
+        if steps == "auto":
+            steps = min(max(round(STEPS_PER_WEIGHT * weight), 1), MOST_STEPS)
+        denoise(out, int(steps), *units, self.prior.isotropic, self.weights, tuple(self.dual))
+        self.calls += 1
+        if self.prior.time == "auto" and v.shape[1] > 1 and sigma <= LOUD:
+            self._look(out, sigma, weight)
+            for view, still in zip(out, self.still):
                 tie(view, still, view)
         return out
 
-    def _fit(self, v: np.ndarray) -> None:
-        """A dual variable and weights along time that fit v."""
-        views, frames, rows, columns = v.shape
-        if self._fits == (v.shape, v.dtype):
-            return
-        self.reset()
-        self._fits = v.shape, v.dtype
-        along_time = frames > 1 and self.time != 0
-        before_first = (columns, 1, rows * columns)
-        sizes = [(v.size + n) * used for n, used in zip(before_first, (True, True, along_time))]
-        self._dual = [np.zeros(size, np.int16) for size in sizes]
-        constant = TIME_BEFORE if self.time == "auto" else self.time
-        self._weights = np.full((views, rows, columns), constant if along_time else 0, v.dtype)
+    def facts(self) -> Mapping[str, Any]:
+        """The part of each view that stands still, as last measured."""
+        return {"still": [float(still.mean()) for still in self.still]}
+
+    def _look(self, x: np.ndarray, sigma: float, weight: float) -> None:
+        """What the estimate x shows of motion, once it has settled: weights along time, and which pixels are still."""
+        if self.calls == SETTLE:
+            if sigma <= TRUSTED:
+                self.weights = np.stack([time_weights(view) for view in x])
+            else:
+                self.weights[:] = TIME_NOISY
+        if self.prior.still and self.calls >= SETTLE and (self.calls - SETTLE) % LOOK == 0:
+            rest = float(min(REST * min(x.shape[0] * x.shape[1], REST_FRAMES) * weight, REST_MOST))
+            self.still = [at_rest(view, rest) for view in x]
 
     def _unit(self, kind: type[np.int16 | np.int32]) -> int:
         """Bring the dual variable to this type; returns what stands for 1 in it."""
-        if self._dual[0].dtype != kind:
-            change = ONE[kind] / ONE[self._dual[0].dtype.type]
-            self._dual = [np.rint(p * change).astype(kind) for p in self._dual]
+        if self.dual[0].dtype != kind:
+            change = ONE[kind] / ONE[self.dual[0].dtype.type]
+            self.dual = [np.rint(p * change).astype(kind) for p in self.dual]
         return ONE[kind]
 
 

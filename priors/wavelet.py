@@ -2,17 +2,19 @@
 
 from __future__ import annotations
 
-from typing import Any
+from dataclasses import dataclass
 
 import numpy as np
 import pywt
 
 from pnp_sci.errors import InputError
+from pnp_sci.plugins.protocols import Prior, Session
 
 _HAAR = 0.5**0.5
 
 
-class Wavelet:
+@dataclass(frozen=True)
+class Wavelet(Prior):
     """Soft thresholds on wavelet coefficients, cycle-spun: every call takes another shift of the grid.
 
     Neighbouring frames are first split into mean and difference (Haar along time), then each of the two into wavelet
@@ -33,12 +35,12 @@ class Wavelet:
     shifts : int
         Shifts a call, whose results are averaged, >= 1.
     seed : int
-        Of the shifts, >= 0; `reset` begins with the first of them again.
+        Of the shifts, >= 0; each session begins with the first of them.
 
     Raises
     ------
     InputError
-        If a parameter is out of its range, or x is not (V, B, H, W).
+        If a parameter is out of its range.
 
     References
     ----------
@@ -48,76 +50,56 @@ class Wavelet:
 
     Examples
     --------
-    >>> import numpy as np
+    >>> import numpy as np, pnp_sci
     >>> x = np.zeros((1, 4, 32, 32), np.float32); x[..., 16:] = 1
     >>> noisy = x + 0.1 * np.random.default_rng(0).standard_normal(x.shape).astype(np.float32)
-    >>> bool(np.std(Wavelet(strength=1, shifts=8)(noisy, 0.1) - x) < 0.5 * np.std(noisy - x))
+    >>> bool(np.std(pnp_sci.denoise(noisy, 0.1, Wavelet(strength=1, shifts=8)) - x) < 0.5 * np.std(noisy - x))
     True
     """
 
-    def __init__(
-        self,
-        strength: float = 2.0,
-        wavelet: str = "sym4",
-        levels: int = 3,
-        time: int = 1,
-        shifts: int = 1,
-        seed: int = 0,
-    ):
-        if not 0 < strength < np.inf:
-            raise InputError(f"strength is {strength}: a finite number > 0 was expected")
-        if wavelet not in pywt.wavelist(kind="discrete"):  # type: ignore[attr-defined]
-            raise InputError(f'wavelet is {wavelet!r}: a discrete wavelet such as "haar", "db2" or "sym4" was expected')
-        for name, value, least in (("levels", levels, 1), ("time", time, 0), ("shifts", shifts, 1), ("seed", seed, 0)):
+    strength: float = 2.0
+    wavelet: str = "sym4"
+    levels: int = 3
+    time: int = 1
+    shifts: int = 1
+    seed: int = 0
+
+    def __post_init__(self):
+        if not 0 < self.strength < np.inf:
+            raise InputError(f"strength is {self.strength}: a finite number > 0 was expected")
+        if self.wavelet not in pywt.wavelist(kind="discrete"):  # type: ignore[attr-defined]
+            raise InputError(
+                f'wavelet is {self.wavelet!r}: a discrete wavelet such as "haar", "db2" or "sym4" was expected'
+            )
+        for name, least in (("levels", 1), ("time", 0), ("shifts", 1), ("seed", 0)):
+            value = getattr(self, name)
             if int(value) != value or value < least:
                 raise InputError(f"{name} is {value}: a whole number >= {least} was expected")
-        self.strength, self.wavelet, self.levels = float(strength), wavelet, int(levels)
-        self.time, self.shifts, self.seed = int(time), int(shifts), int(seed)
-        self.reset()
 
-    def __repr__(self) -> str:
-        return (
-            f"Wavelet(strength={self.strength}, wavelet={self.wavelet!r}, levels={self.levels}, time={self.time}, "
-            f"shifts={self.shifts}, seed={self.seed})"
-        )
+    def begin(self, shape: tuple[int, ...], dtype: np.dtype) -> Session:
+        """A session that begins with the first shift."""
+        return _WaveletSession(self)
 
-    def reset(self) -> None:
-        """Begin with the first shift again."""
-        self._random = np.random.default_rng(self.seed)
 
-    def __call__(self, x: Any, sigma: float) -> np.ndarray:
-        """Denoise x (V, B, H, W), values about [0, 1].
+class _WaveletSession(Session):
+    def __init__(self, prior: Wavelet):
+        self.prior, self.random = prior, np.random.default_rng(prior.seed)
 
-        Parameters
-        ----------
-        x : array_like, (V, B, H, W)
-        sigma : float
-            Standard deviation of the noise in the units of x, >= 0. At 0 a copy of x is returned.
-
-        Returns
-        -------
-        ndarray, (V, B, H, W)
-            In x's dtype if that is float64, else float32.
-        """
-        v = np.asarray(x)
-        v = v.astype(np.float64 if v.dtype == np.float64 else np.float32)
-        if v.ndim != 4 or v.size == 0:
-            raise InputError(f"x has shape {v.shape}: (views, frames, rows, columns) was expected, none of them 0")
-        if not 0 <= sigma < np.inf:
-            raise InputError(f"sigma is {sigma}: a finite number >= 0 was expected")
+    def __call__(self, v: np.ndarray, sigma: float, out: np.ndarray | None = None) -> np.ndarray:
         if sigma == 0:
             return v
-        total = self._shifted(v, self.strength * sigma)
-        for _ in range(self.shifts - 1):
-            total += self._shifted(v, self.strength * sigma)
-        return total / self.shifts if self.shifts > 1 else total
+        shifts = self.prior.shifts
+        total = self._shifted(v, self.prior.strength * sigma)
+        for _ in range(shifts - 1):
+            total += self._shifted(v, self.prior.strength * sigma)
+        return total / shifts if shifts > 1 else total
 
     def _shifted(self, v: np.ndarray, sigma: float) -> np.ndarray:
         """Denoise v behind margins that move the grid of all views and frames alike."""
         _, frames, rows, columns = v.shape
-        time = min(self.time, frames.bit_length() - 1)
-        levels = min(self.levels, max(rows, columns).bit_length() - 1)
-        k, i, j = (int(n) for n in self._random.integers(0, (2**time, 2**levels, 2**levels)))
+        time = min(self.prior.time, frames.bit_length() - 1)
+        levels = min(self.prior.levels, max(rows, columns).bit_length() - 1)
+        k, i, j = (int(n) for n in self.random.integers(0, (2**time, 2**levels, 2**levels)))
         out = np.empty_like(v)
         for view, clean in zip(v, out):  # one by one, because their bands fit the cache
             padded = np.pad(view, ((0, 0), (i, 0), (j, 0)), mode="symmetric")
@@ -141,10 +123,10 @@ class Wavelet:
         """Shrink the bands of v in rows and columns; the coarsest one, its mean, only if `coarse`."""
         if levels == 0:
             return shrink(v, sigma) if coarse else v
-        mean, details = pywt.dwt2(v, self.wavelet, axes=(1, 2))
+        mean, details = pywt.dwt2(v, self.prior.wavelet, axes=(1, 2))
         mean = self._in_space(mean, sigma, levels - 1, coarse)
         bands = mean, tuple(shrink(band, sigma) for band in details)
-        return pywt.idwt2(bands, self.wavelet, axes=(1, 2))[:, : v.shape[1], : v.shape[2]]
+        return pywt.idwt2(bands, self.prior.wavelet, axes=(1, 2))[:, : v.shape[1], : v.shape[2]]
 
 
 def shrink(band: np.ndarray, sigma: float) -> np.ndarray:

@@ -20,7 +20,8 @@ from pnp_sci.cli.main import main
 from pnp_sci.datasets import embedded_scene
 from pnp_sci.formats import arrays as _formats
 from pnp_sci.plugins import registry
-from pnp_sci.results.result import History, Record, Result, Status
+from pnp_sci.results.history import History, Record, Status
+from pnp_sci.results.result import Result
 from pnp_sci.sensing.simulate import simulate
 
 

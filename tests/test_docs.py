@@ -7,7 +7,7 @@ from pathlib import Path
 import pytest
 
 from pnp_sci.cli.main import main
-from pnp_sci.results.result import Status
+from pnp_sci.results.history import Status
 
 ROOT = Path(__file__).parents[1]
 PAGES = [ROOT / "README.md", ROOT / "CONTRIBUTING.md", *sorted((ROOT / "docs").glob("*.md"))]

@@ -28,7 +28,7 @@ from hypothesis import strategies as st
 
 from pnp_sci import Result, SensingOperator, decode, io, solve
 from pnp_sci.errors import InputError, InputTypeError
-from pnp_sci.results.result import History, Record, Status
+from pnp_sci.results.history import History, Record, Status
 from pnp_sci.sensing.scene_model import SceneModel
 from pnp_sci.sensing.sensor import Sensor
 

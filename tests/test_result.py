@@ -13,7 +13,8 @@ from hypothesis import strategies as st
 from pnp_sci import io
 from pnp_sci.errors import FormatError, InputError, InputTypeError, SolverError
 from pnp_sci.plot import plot_history, plot_video
-from pnp_sci.results.result import History, Record, Result, Status
+from pnp_sci.results.history import History, Record, Status
+from pnp_sci.results.result import Result
 
 SUFFIXES = ["npz", "h5", "hdf5", "NPZ"]
 RECORDS = [Record(1, 0.5, 0.25, 0.1, 20.5), Record(2, 1.0, 0.125, 0.05, 21.0, 0.75)]

@@ -49,9 +49,9 @@ _blas = Pool(lambda threads: threadpool_limits(threads, user_api="blas").restore
 def limited(threads: int | None) -> Iterator[None]:
     """Hold what is computed inside to so many threads at most, None for no change; afterwards all is as before.
 
-    Networks and optical flow ask numba how many there are, see :func:`pnp_sci.accel.inference.as_many_threads`. The limits of
-    numba's kernels and of OpenMP are this thread's own: solvers in other threads of the program keep theirs. That of
-    BLAS is the program's, the lowest that is asked for.
+    Networks and optical flow ask numba how many there are, see :func:`pnp_sci.accel.inference.as_many_threads`. The
+    limits of numba's kernels and of OpenMP hold for this thread alone: solvers in other threads keep theirs. That of
+    BLAS holds for the process, the lowest that is asked for.
     """
     if threads is None:
         yield

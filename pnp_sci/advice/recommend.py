@@ -17,14 +17,13 @@ from typing import Any
 import numpy as np
 
 from pnp_sci._validate import whole
-from pnp_sci.errors import FormatError, InputError
-from pnp_sci.plugins import registry
+from pnp_sci.errors import FormatError, InputError, InputTypeError
+from pnp_sci.plugins.resolve import as_prior
 from pnp_sci.sensing.operator import SensingOperator
 from pnp_sci.solvers.iterate import iterate
 
 MEASURED = Path(__file__).parent / "measured.json"  # made by `pnp-sci bench`; see docs/speed.md
 LEARNED = ("torch", "safetensors")  # what the networks need
-CLASSICAL = ("tv", "wavelet", "bm3d", "flow", "none")
 USUAL = {"init": "auto", "algorithm": "gap", "effort": "balanced"}  # of `solve`, left out of a recommendation
 PLAIN = {"prior", "init", "iterations"}
 OF_ANY_SIZE = ("auto", "adjoint")  # first estimates
@@ -193,7 +192,7 @@ def _here(row: dict[str, Any], like: str | Sequence[int]) -> dict[str, Any]:
     """
     size = 1.0 if isinstance(like, str) else float(np.prod(like) / np.prod(row["shape"]))
     first = size * _slower(row, networks=_init(row) not in OF_ANY_SIZE)
-    then = size * _slower(row, networks=row["method"]["prior"] not in CLASSICAL)
+    then = size * _slower(row, networks=_is_network(row["method"]["prior"]))
     start = row["course"][0]["seconds"]
     points = [point | {"seconds": start * first + (point["seconds"] - start) * then} for point in row["course"]]
     return row | {"course": points}
@@ -239,7 +238,16 @@ def _wait(rows: list[dict[str, Any]]) -> float:
 
 
 def _is_learned(method: dict[str, Any]) -> bool:
-    return method["prior"] not in CLASSICAL or method["init"] not in OF_ANY_SIZE
+    return method["prior"] is None or _is_network(method["prior"]) or method["init"] not in OF_ANY_SIZE
+
+
+@cache
+def _is_network(prior: str | None) -> bool:
+    """Whether the prior of this name is a network; "auto", and one that is not installed, may be one."""
+    try:
+        return as_prior(prior).traits((2, 10, 256, 256)).network
+    except (InputError, InputTypeError):
+        return True
 
 
 def _is_like(row: dict[str, Any], like: str | Sequence[int]) -> bool:
@@ -270,12 +278,12 @@ def calibrate() -> float:
     """
     rng = np.random.default_rng(0)
     op = SensingOperator(rng.random((2, 10, 128, 128)) < 0.5)
-    x, tv = np.full(op.shape, 0.5, np.float32), registry.load("priors", "tv")
+    x, tv = np.full(op.shape, 0.5, np.float32), as_prior("tv")
     y = op.forward(x)
 
     def lap() -> float:
         begin = time.perf_counter()
-        for _ in itertools.islice(iterate(op, y, tv(), x), 11):
+        for _ in itertools.islice(iterate(op, y, tv, x), 11):
             pass
         return time.perf_counter() - begin
 

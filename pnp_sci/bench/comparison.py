@@ -16,9 +16,11 @@ from pnp_sci.bench.methods import Method, Source
 from pnp_sci.bench.runner import machine, scores
 from pnp_sci.errors import InputError
 from pnp_sci.masks import condition
-from pnp_sci.pipeline.defaults import choose_scene, prior_for
-from pnp_sci.plugins.resolve import Reference, make_prior
+from pnp_sci.pipeline.defaults import prior_for
+from pnp_sci.pipeline.reference import Reference
+from pnp_sci.plugins.resolve import as_prior
 from pnp_sci.results.result import Result
+from pnp_sci.scene.choose import choose_scene
 from pnp_sci.sensing.operator import as_masks
 from pnp_sci.sensing.problem import check_measurement, check_noise, check_operator, measured, pose
 from pnp_sci.sensing.scene_model import SceneModel
@@ -233,8 +235,8 @@ class _Task:
     def score(self, method: Method) -> float:
         """Noise and scene are as all pixels tell them: the same for every method, undisturbed by holes."""
         prior = prior_for(method.effort) if method.prior == "auto" else method.prior
-        learned = getattr(make_prior(prior), "learned", False)
-        known = {"init": filled_start(method.init, learned), "noise": self.sensor, "scene": self.scene}
+        network = as_prior(prior).traits(self.planes.shape).network
+        known = {"init": filled_start(method.init, network), "noise": self.sensor, "scene": self.scene}
         settings = method.arguments() | self.common | known
         return held_back_score(
             lambda y, masks: api.solve(y, masks, **settings).x,

@@ -10,7 +10,7 @@ from pnp_sci.advice.recommend import Moment, course
 from pnp_sci.bench.methods import Method
 from pnp_sci.bench.runner import Row
 from pnp_sci.errors import InputError
-from pnp_sci.io import _replacing
+from pnp_sci.formats.replacing import replacing
 
 
 def curves(rows: Sequence[Row]) -> dict[Method, list[Moment]]:
@@ -60,7 +60,7 @@ def draw(path: str | Path, all_curves: dict[Method, list[Moment]]) -> None:
     axes.set(xscale="log", xlabel="seconds a measurement", ylabel="PSNR (dB), mean over the cases")
     axes.grid(color="0.9")
     axes.legend(frameon=False)
-    with _replacing(Path(path)) as temporary:
+    with replacing(Path(path)) as temporary:
         figure.savefig(temporary)
 
 

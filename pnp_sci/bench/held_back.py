@@ -8,9 +8,10 @@ from typing import Any
 import numpy as np
 
 from pnp_sci.errors import InputError
-from pnp_sci.plugins.resolve import first_estimate
+from pnp_sci.pipeline.start import first_estimate
 from pnp_sci.sensing.operator import SensingOperator
 from pnp_sci.sensing.problem import Problem
+from pnp_sci.sensing.scene_model import SceneModel
 
 FRACTION = 0.05  # of the pixels of y: on the benchmark pairs, taking them away costs most methods 0.1 to 0.3 dB of PSNR
 
@@ -97,19 +98,18 @@ def held_back_score(
         return float(-10 * np.log10(excess / (white**2 * op.gram[hidden].mean())))
 
 
-def filled_start(init: str, learned: bool = False) -> Callable[[SensingOperator, np.ndarray], np.ndarray]:
+def filled_start(init: str, network: bool = False) -> Callable[[Problem, SceneModel], np.ndarray]:
     """The first estimate of this name, but with pixels that no light reaches filled from their neighbours.
 
-    For the reconstructions that are scored: a hidden pixel would start as a black hole, and the score would say how
-    fast a method fills holes. Small networks are slow at that, and so are few iterations.
-    `learned` tells whether it is for a learned prior, as "auto" must know.
+    For the reconstructions that are scored: a hidden pixel would start as a black hole, and the score would measure how
+    fast a method fills holes. `network` tells whether the prior is one, as "auto" must know.
     """
 
-    def start(op: SensingOperator, y: np.ndarray) -> np.ndarray:
+    def start(problem: Problem, scene: SceneModel) -> np.ndarray:
         from scipy.ndimage import gaussian_filter
 
-        _, x = first_estimate(init, Problem(op, y, 1.0, 0.0), learned)
-        seen = (op.gram > 0).astype(x.dtype)
+        x = first_estimate(init, problem, scene, network).x
+        seen = (problem.op.gram > 0).astype(x.dtype)
         weight = gaussian_filter(seen, 1)
         around = np.divide(gaussian_filter(x * seen, (0, 0, 1, 1)), weight, out=x.copy(), where=weight > 0)
         return np.where(seen > 0, x, around)

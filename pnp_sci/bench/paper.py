@@ -16,7 +16,7 @@ from pnp_sci.bench.published import SINGLE_VIEW as SINGLE
 from pnp_sci.bench.runner import Row
 from pnp_sci.datasets import DUAL_VIEW_PAIRS, SINGLE_VIEW
 from pnp_sci.errors import DataUnavailableError
-from pnp_sci.io import _replacing
+from pnp_sci.formats.replacing import replacing
 
 OURS = (
     Method("tv"),
@@ -80,7 +80,7 @@ def write(folder: Path, rows: Sequence[Row]) -> list[Path]:
     paths = []
     for name, page in pages.items():
         paths.append(folder / f"{name}.md")
-        with _replacing(paths[-1]) as temporary:
+        with replacing(paths[-1]) as temporary:
             temporary.write_text(page(measured), encoding="utf-8")
     return paths
 

@@ -14,7 +14,7 @@ from jinja2 import Environment, PackageLoader, StrictUndefined
 from PIL import Image
 
 from pnp_sci.bench.pareto import Point, chart
-from pnp_sci.io import _replacing
+from pnp_sci.formats.replacing import replacing
 
 if TYPE_CHECKING:
     from pnp_sci.bench.comparison import Comparison
@@ -26,7 +26,7 @@ CLOSE = 1.0  # dB below the best that a reader in a hurry may accept
 
 def write(path: str | Path, comparison: Comparison, title: str) -> None:
     """Write the report; a write that is interrupted leaves the file that was there before as it was."""
-    with _replacing(Path(path)) as temporary:
+    with replacing(Path(path)) as temporary:
         temporary.write_text(render(comparison, title), encoding="utf-8")
 
 

@@ -11,7 +11,7 @@ from pnp_sci.bench.cases import Case
 from pnp_sci.bench.methods import Method
 from pnp_sci.bench.runner import Row
 from pnp_sci.errors import FormatError
-from pnp_sci.io import _replacing
+from pnp_sci.formats.replacing import replacing
 
 COLUMNS = ("case", "noise", "frames", "prior", "init", "algorithm", "effort", "limit")  # then a checkpoint's own
 
@@ -44,9 +44,9 @@ class Results:
         """Keep a row, in both files; one of the same case and method gives way."""
         self.rows = [r for r in self.rows if (r.case, r.method) != (row.case, row.method)] + [row]
         lines = ",\n".join(json.dumps(asdict(row)) for row in self.rows)
-        with _replacing(self.path) as temporary:
+        with replacing(self.path) as temporary:
             temporary.write_text(f'{{"rows": [\n{lines}\n]}}\n', encoding="utf-8")
-        with _replacing(self.path.with_suffix(".csv")) as temporary:
+        with replacing(self.path.with_suffix(".csv")) as temporary:
             self._tabulate(temporary)
 
     def _tabulate(self, path: Path) -> None:

@@ -20,7 +20,8 @@ from pnp_sci.bench.cases import Case
 from pnp_sci.bench.methods import Method
 from pnp_sci.datasets import embedded_scene
 from pnp_sci.errors import SolverError
-from pnp_sci.results.result import Record, Result
+from pnp_sci.results.history import Record
+from pnp_sci.results.result import Result
 
 KEPT = 5  # iterations between two checkpoints, after the first ten
 

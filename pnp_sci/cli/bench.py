@@ -63,7 +63,7 @@ def bench(
 
     from pnp_sci import bench as table
     from pnp_sci.bench import paper as tables
-    from pnp_sci.io import _replacing
+    from pnp_sci.formats.replacing import replacing
 
     if paper:
         pairs = tables.plan()
@@ -90,7 +90,7 @@ def bench(
     else:
         click.echo(table.as_markdown(rows))
         if markdown is not None:
-            with _replacing(markdown) as temporary:
+            with replacing(markdown) as temporary:
                 temporary.write_text(table.as_markdown(rows) + "\n", encoding="utf-8")
     if curves is not None:
         found = table.curves(rows)

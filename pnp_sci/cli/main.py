@@ -222,10 +222,10 @@ main.add_command(compare)
 
 @main.command()
 def priors() -> None:
-    """List the priors, first estimates and decoders that are installed."""
+    """List the priors and decoders that are installed."""
     from pnp_sci.plugins import registry
 
-    for kind, title in {"priors": "Priors", "inits": "First estimates", "decoders": "Decoders"}.items():
+    for kind, title in {"priors": "Priors", "decoders": "Decoders, also for --init"}.items():
         plugins = registry.available(kind)
         if plugins:
             click.echo(f"{title}:")

@@ -1,193 +1,240 @@
-"""Priors made of priors: stages one after the other, several at once, and modules of torch."""
+"""Priors made of others: plain functions, several at once, and stages one after the other."""
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
-from functools import partial
-from numbers import Integral
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
 
-from pnp_sci._validate import number
 from pnp_sci.errors import InputError
-from pnp_sci.plugins.protocols import Denoiser
-
-FIRST = 30  # calls that a thorough prior leaves to something quick, where it does not tell
+from pnp_sci.plugins.protocols import Prior, Session, Traits
 
 
-def reset(denoiser: Any) -> None:
-    """Make a denoiser forget earlier videos, if it has a memory."""
-    forget = getattr(denoiser, "reset", None)
-    if callable(forget):
-        forget()
+@dataclass(frozen=True)
+class Identity(Prior):
+    """The prior "none": nothing is assumed, and the projection is alone."""
+
+    def begin(self, shape: tuple[int, ...], dtype: np.dtype) -> Session:
+        """A session that returns what it gets."""
+        return FunctionSession(lambda v, sigma: v)
 
 
-def first_of(denoiser: Any) -> int | None:
-    """How many calls a thorough or learned prior leaves to something quick; None of a plain one."""
-    if not (getattr(denoiser, "learned", False) or getattr(denoiser, "thorough", False)):
-        return None
-    first = getattr(denoiser, "first", FIRST)
-    return int(first) if isinstance(first, Integral) else FIRST
+@dataclass(frozen=True)
+class FunctionPrior(Prior):
+    """A function ``(x, sigma)`` that returns x (V, B, H, W) denoised, as a prior.
+
+    Two sessions call the same function. One that remembers a video from call to call must be a prior with sessions.
+    """
+
+    function: Callable[[np.ndarray, float], Any]
+
+    def begin(self, shape: tuple[int, ...], dtype: np.dtype) -> Session:
+        """A session that calls the function."""
+        return FunctionSession(self.function)
 
 
-class Stages:
-    """One denoiser after the other: each serves its number of calls, the last one all that follow.
+class FunctionSession(Session):
+    """Calls a function, and remembers nothing."""
+
+    def __init__(self, function: Callable[[np.ndarray, float], Any]):
+        self.function = function
+
+    def __call__(self, v: np.ndarray, sigma: float, out: np.ndarray | None = None) -> np.ndarray:
+        """Denoise v (V, B, H, W)."""
+        return self.function(v, sigma)
+
+
+@dataclass(frozen=True)
+class Joint(Prior):
+    """Several priors at once: the mean of what they return, and of what they make of a last estimate, by `shares`.
+
+    The mean of proximal maps is, to first order in sigma^2, that of the mean of their priors, so this serves an
+    objective such as ``||y - Phi x||^2 / 2 + a TV(x) + b Theta(x)``. The longest warm-up of a member serves all.
 
     Parameters
     ----------
-    stages : sequence of (denoiser, calls)
+    members : sequence of Prior
+    shares : sequence of float, optional
+        Weights of the members, > 0; by default all weigh the same.
+
+    Raises
+    ------
+    InputError
+        If there are not as many shares as members, or one is not a number > 0.
+
+    References
+    ----------
+    Y. Yu, "Better approximation and faster algorithm using the proximal average", NIPS 2013.
 
     Examples
     --------
-    >>> halve, keep = (lambda x, sigma: x / 2), (lambda x, sigma: x)
-    >>> stages = Stages([(halve, 1), (keep, 1)])
-    >>> [float(stages(np.ones(1), 0.1)[0]) for _ in range(3)]
+    >>> halve, keep = FunctionPrior(lambda x, sigma: x / 2), Identity()
+    >>> session = Joint([halve, keep], shares=[3, 1]).begin((1, 1, 1, 1), np.dtype("f8"))
+    >>> float(session(np.ones((1, 1, 1, 1)), 0.1).max())
+    0.625
+    """
+
+    members: Sequence[Prior]
+    shares: Sequence[float] = ()
+
+    def __post_init__(self):
+        shares = tuple(self.shares) or (1.0,) * len(self.members)
+        if len(shares) != len(self.members) or not all(0 < share < np.inf for share in shares):
+            raise InputError(f"shares is {self.shares}: {len(self.members)} numbers > 0 were expected")
+        object.__setattr__(self, "members", tuple(self.members))
+        object.__setattr__(self, "shares", tuple(float(share) / sum(shares) for share in shares))
+
+    def traits(self, shape: tuple[int, ...]) -> Traits:
+        """What holds for one of the members holds for all of them."""
+        each = [member.traits(shape) for member in self.members]
+        warmups = [traits.warmup for traits in each if traits.warmup]
+        return Traits(
+            strong=any(traits.strong for traits in each),
+            network=any(traits.network for traits in each),
+            warmup=max(warmups, key=lambda warmup: warmup[1], default=None),
+            serves_below=min(traits.serves_below for traits in each),
+            average=any(traits.average for traits in each),
+        )
+
+    def begin(self, shape: tuple[int, ...], dtype: np.dtype) -> Session:
+        """A session of each member."""
+        return _JointSession([member.begin(shape, dtype) for member in self.members], self.shares)
+
+
+class _JointSession(Session):
+    def __init__(self, sessions: list[Session], shares: Sequence[float]):
+        self.sessions, self.shares = sessions, shares
+
+    def __call__(self, v: np.ndarray, sigma: float, out: np.ndarray | None = None) -> np.ndarray:
+        return self._mean(self.sessions, v, sigma)
+
+    def finish(self, x: np.ndarray, sigma: float) -> np.ndarray:
+        return self._mean([session.finish for session in self.sessions], x, sigma)
+
+    def facts(self) -> Mapping[str, Any]:
+        return _merged([session.facts() for session in self.sessions])
+
+    def _mean(self, functions: Sequence[Callable[..., np.ndarray]], x: np.ndarray, sigma: float) -> np.ndarray:
+        mean = first = np.array(functions[0](x, sigma))  # a copy: another member may return the same buffer
+        for function, share in zip(functions[1:], self.shares[1:]):
+            # where all members return the same, so does the mean, to the last digit
+            mean = mean + share * (function(x, sigma) - first)
+        return mean
+
+
+@dataclass(frozen=True)
+class Turn:
+    """A prior, and when it serves.
+
+    Attributes
+    ----------
+    prior : Prior
+    begins : int
+        The first call that it serves, counted from 0.
+    below : float
+        Largest sigma that it serves; above it the turn before goes on.
+    average : bool
+        Whether the estimates of its calls are averaged.
+    """
+
+    prior: Prior
+    begins: int = 0
+    below: float = float("inf")
+    average: bool = False
+
+
+@dataclass(frozen=True)
+class Stages(Prior):
+    """One prior after the other: each serves its number of calls, the last one all that follow.
+
+    The warm-up of the first prior is part of its calls; a later one finds the scene estimated and needs none.
+
+    Parameters
+    ----------
+    stages : sequence of (Prior, calls)
+
+    Examples
+    --------
+    >>> stages = Stages([(FunctionPrior(lambda x, sigma: x / 2), 1), (Identity(), 1)])
+    >>> session = stages.begin((1, 1, 1, 1), np.dtype("f8"))
+    >>> [float(session(np.ones((1, 1, 1, 1)), 0.1).max()) for _ in range(3)]
     [0.5, 1.0, 1.0]
     """
 
-    def __init__(self, stages: Sequence[tuple[Denoiser, int]]):
-        self.stages = list(stages)
-        self.reset()
+    stages: Sequence[tuple[Prior, int]]
 
-    def __repr__(self) -> str:
-        return f"Stages({self.stages})"
+    def __post_init__(self):
+        object.__setattr__(self, "stages", tuple((prior, int(calls)) for prior, calls in self.stages))
 
     @property
     def calls(self) -> int:
         """Of all stages together."""
         return sum(calls for _, calls in self.stages)
 
-    def reset(self) -> None:
-        """Begin with the first stage again."""
-        self._called = 0
-        for denoiser, _ in self.stages:
-            reset(denoiser)
+    def traits(self, shape: tuple[int, ...]) -> Traits:
+        """A sequence says itself how many calls it takes: it counts as plain."""
+        return Traits()
 
-    def __call__(self, x: np.ndarray, sigma: float) -> np.ndarray:
-        """Denoise with the stage whose turn it is."""
-        ends = np.cumsum([calls for _, calls in self.stages])
-        turn = min(int(np.searchsorted(ends, self._called, side="right")), len(self.stages) - 1)
-        self._called += 1
-        return self.stages[turn][0](x, sigma)
+    def begin(self, shape: tuple[int, ...], dtype: np.dtype) -> InTurn:
+        """A session of each stage, in turn."""
+        return InTurn(turns(self, shape), shape, dtype)
 
 
-class Joint:
-    """Several denoisers at once: the mean of what they return, and of what they make of a last estimate, by `shares`.
-
-    The mean of proximal maps is, to first order in sigma^2, that of the mean of their priors, so this serves an
-    objective such as ``||y - Phi x||^2 / 2 + a TV(x) + b Theta(x)``
-    (Y. Yu, "Better approximation and faster algorithm using the proximal average", NIPS 2013).
-
-    Parameters
-    ----------
-    denoisers : sequence of denoiser
-    shares : sequence of float, optional
-        What each counts beside the others, > 0; by default all count the same.
-
-    Raises
-    ------
-    InputError
-        If there are not as many shares as denoisers, or one is not a number > 0.
-
-    Examples
-    --------
-    >>> halve, keep = (lambda x, sigma: x / 2), (lambda x, sigma: x)
-    >>> float(Joint([halve, keep], shares=[3, 1])(np.ones(1), 0.1)[0])
-    0.625
-    """
-
-    def __init__(self, denoisers: Sequence[Denoiser], shares: Sequence[float] | None = None):
-        self.denoisers = list(denoisers)
-        self.shares = [1.0] * len(self.denoisers) if shares is None else [number("a share", share) for share in shares]
-        if len(self.shares) != len(self.denoisers) or not all(self.shares):
-            raise InputError(f"shares is {shares}: {len(self.denoisers)} numbers > 0 were expected")
-        self.learned, self.thorough = (
-            any(getattr(denoiser, name, False) for denoiser in self.denoisers) for name in ("learned", "thorough")
-        )
-        self.first = max(first_of(denoiser) or 0 for denoiser in self.denoisers)
-        finishes = [getattr(denoiser, "finish", None) for denoiser in self.denoisers]
-        that_do = [(finish, share) for finish, share in zip(finishes, self.shares) if callable(finish)]
-        if that_do:
-            self.finish = partial(_mean, that_do)
-
-    def __repr__(self) -> str:
-        return f"Joint({self.denoisers}, {self.shares})"
-
-    def reset(self) -> None:
-        """Make all of them forget earlier videos."""
-        for denoiser in self.denoisers:
-            reset(denoiser)
-
-    def __call__(self, x: np.ndarray, sigma: float) -> np.ndarray:
-        """Denoise x (V, B, H, W) with each and average."""
-        return _mean(list(zip(self.denoisers, self.shares)), x, sigma)
-
-    @property
-    def restless(self) -> bool:
-        """Whether one of them is."""
-        return any(getattr(denoiser, "restless", False) for denoiser in self.denoisers)
-
-    @property
-    def at_rest(self) -> list[float]:
-        """The part of each view that stands still, as the first of them says that knows."""
-        return next((found for d in self.denoisers if (found := getattr(d, "at_rest", []))), [])
+def turns(prior: Prior, shape: tuple[int, ...]) -> tuple[Turn, ...]:
+    """Which prior serves when, for videos (V, B, H, W) of this shape: warm-up and prior, or stages."""
+    if isinstance(prior, Stages):
+        found, begins = [], 0
+        for stage, calls in prior.stages:
+            own = turns(stage, shape) if begins == 0 else turns(stage, shape)[-1:]
+            found += [replace(turn, begins=begins + (turn.begins if begins == 0 else 0)) for turn in own]
+            begins += calls
+        return tuple(turn for turn in found if turn.begins < begins)
+    traits = prior.traits(shape)
+    if traits.warmup is None or traits.warmup[1] == 0:
+        return (Turn(prior, average=traits.average),)
+    warm, calls = traits.warmup
+    return Turn(warm), Turn(prior, calls, traits.serves_below, traits.average)
 
 
-def _mean(members: list[tuple[Callable, float]], x: np.ndarray, sigma: float) -> np.ndarray:
-    """The mean of what functions of (x, sigma) return, each with its share."""
-    (first, _), *others = members
-    total = sum(share for _, share in members)
-    out = first(x, sigma)  # where all return the same, so does the mean, to the last digit
-    return out + sum(share / total * (function(x, sigma) - out) for function, share in others)
+def serving(order: Sequence[Turn], call: int, sigma: float) -> int:
+    """The place in `order` of the turn that serves a call, counted from 0, at this sigma."""
+    due = max(place for place, turn in enumerate(order) if turn.begins <= call)
+    while due and sigma > order[due].below:
+        due -= 1
+    return due
 
 
-class TorchDenoiser:
-    """A ``torch.nn.Module`` called ``(x, sigma)`` as a denoiser of arrays.
+class InTurn(Session):
+    """Sessions of several priors of which one serves at a time."""
 
-    The module, from now on in evaluation mode, sees each frame as an image: (V * B, 1, H, W) float32 on its device, by
-    default the one it is on; it must return the same shape.
-    """
+    def __init__(self, order: Sequence[Turn], shape: tuple[int, ...], dtype: np.dtype):
+        self.order, self.calls, self.now = order, 0, 0
+        self.sessions = [turn.prior.begin(shape, dtype) for turn in order]  # all: what cannot begin is told at once
 
-    def __init__(self, module: Any, device: str | None = None):
-        from pnp_sci.accel.inference import usable
+    def __call__(self, v: np.ndarray, sigma: float, out: np.ndarray | None = None) -> np.ndarray:
+        """Denoise with the prior whose turn it is."""
+        self.now = serving(self.order, self.calls, sigma)
+        self.calls += 1
+        return self.sessions[self.now](v, sigma, out)
 
-        self.learned = bool(getattr(module, "learned", False))
-        self.module = module.eval() if device is None else module.eval().to(usable(device))
-        first = next((t for t in (*self.module.parameters(), *self.module.buffers())), None)
-        self.device = usable(device) if first is None else first.device
+    def finish(self, x: np.ndarray, sigma: float) -> np.ndarray:
+        """As the prior does that has served last."""
+        return self.sessions[self.now].finish(x, sigma)
 
-    def __repr__(self) -> str:
-        return repr(self.module)
-
-    def reset(self) -> None:
-        """Make the module forget earlier videos, if it has a memory: ``reset()``, or ``restart`` as deepinv's have."""
-        reset(self.module)
-        if hasattr(self.module, "restart"):
-            self.module.restart = True
-
-    def __call__(self, x: np.ndarray, sigma: float) -> np.ndarray:
-        """Denoise x (V, B, H, W)."""
-        import torch
-
-        from pnp_sci.accel.inference import as_many_threads
-
-        frames = torch.tensor(x.reshape(-1, 1, *x.shape[2:]), dtype=torch.float32, device=self.device)
-        with as_many_threads(), torch.inference_mode():
-            out = self.module(frames, sigma)
-        if getattr(out, "shape", None) != frames.shape:
-            came = tuple(out.shape) if isinstance(out, torch.Tensor) else type(out).__name__
-            raise InputError(f"prior {type(self.module).__name__} returns {came}: {tuple(frames.shape)} was expected")
-        return out.reshape(x.shape).cpu().numpy().astype(x.dtype)
+    def facts(self) -> Mapping[str, Any]:
+        """Of all that have served, the latest first."""
+        return _merged([session.facts() for session in self.sessions[self.now :: -1]])
 
 
-def weights_of(denoiser: Any) -> list[str]:
-    """Hashes of the weights of all networks in a denoiser, which read them if nothing has."""
-    parts = getattr(denoiser, "denoisers", None) or [stage for stage, _ in getattr(denoiser, "stages", ())]
-    own = [denoiser.sha256] if isinstance(getattr(type(denoiser), "sha256", None), property) else []
-    return own + [digest for part in parts for digest in weights_of(part)]
-
-
-def is_torch_module(thing: Any) -> bool:
-    """Whether this is a ``torch.nn.Module``, without importing torch."""
-    return any(c.__module__.startswith("torch.nn") and c.__name__ == "Module" for c in type(thing).__mro__)
+def _merged(all_facts: Sequence[Mapping[str, Any]]) -> Mapping[str, Any]:
+    """Facts of several sessions: lists of weights are joined, of anything else the first that is known counts."""
+    merged: dict[str, Any] = {}
+    for facts in all_facts:
+        for name, value in facts.items():
+            if name == "weights":
+                merged[name] = [*merged.get(name, []), *value]
+            else:
+                merged[name] = merged.get(name) or value
+    return merged

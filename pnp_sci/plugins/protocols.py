@@ -37,11 +37,6 @@ class Traits:
     serves_below: float = float("inf")
     average: bool = False
 
-    @property
-    def plain(self) -> bool:
-        """Whether a call does no more than one of total variation."""
-        return not (self.strong or self.network)
-
 
 @runtime_checkable
 class Session(Protocol):

@@ -1,4 +1,4 @@
-"""Finds priors, initialisers and decoders by name: those of installed packages and those registered by hand."""
+"""Finds priors and decoders by name: those of installed packages and those registered by hand."""
 
 from __future__ import annotations
 
@@ -9,8 +9,8 @@ from typing import Any
 from pnp_sci.errors import InputError, InputTypeError, UnknownPluginError
 
 _LEARNED = {"torch", "safetensors"}  # what the extra of this name installs
-BUILT_IN = {"priors": ("auto", "none"), "inits": ("auto", "adjoint")}  # known without a plugin
-_registered: dict[str, dict[str, Any]] = {"priors": {}, "inits": {}, "decoders": {}}
+BUILT_IN = {"priors": ("auto", "none"), "decoders": ("auto", "adjoint")}  # known without a plugin
+_registered: dict[str, dict[str, Any]] = {"priors": {}, "decoders": {}}
 
 
 @cache
@@ -19,12 +19,12 @@ def _installed(kind: str) -> dict[str, EntryPoint]:
 
 
 def available(kind: str) -> dict[str, Any]:
-    """All plugins of a kind ("priors", "inits" or "decoders") by name: entry points, not yet loaded, and objects."""
+    """All plugins of a kind ("priors" or "decoders") by name: entry points, not yet loaded, and objects."""
     return dict(sorted((_installed(kind) | _registered[kind]).items()))
 
 
 def load(kind: str, name: str) -> Any:
-    """The plugin of that name: for priors a class or function that makes one, for the others the callable itself.
+    """The plugin of that name: a class or function that makes a prior or a decoder from options.
 
     Raises
     ------
@@ -61,7 +61,8 @@ def register_prior(name: str, prior: Any) -> None:
     name : str
         Without "+", ":" and ",", which combine priors; not "auto" or "none", which are taken.
     prior : callable
-        A class or function that takes the options of ``solve(..., **prior_options)`` and returns a denoiser.
+        A class or function that takes the options of ``solve(..., **prior_options)`` and returns a prior: a
+        :class:`~pnp_sci.Prior`, a function ``(x, sigma)``, or a module of torch.
 
     Raises
     ------
@@ -74,8 +75,39 @@ def register_prior(name: str, prior: Any) -> None:
     >>> "halved" in available("priors")
     True
     """
-    if not isinstance(name, str) or not name or set(name) & set("+:,") or name in BUILT_IN["priors"]:
-        raise InputError(f"name is {name!r}: a name without +, : and , other than auto and none was expected")
-    if not callable(prior):
-        raise InputTypeError(f"prior is {prior!r}: a class or function that makes a denoiser was expected")
-    _registered["priors"][name] = prior
+    _register("priors", name, prior)
+
+
+def register_decoder(name: str, decoder: Any) -> None:
+    """Make a decoder known by name in this process, for ``decode(model=name)`` and ``solve(init=name)``.
+
+    Parameters
+    ----------
+    name : str
+        As for :func:`register_prior`; not "auto" or "adjoint".
+    decoder : callable
+        A class or function that takes the options of ``decode(..., **options)`` and returns a
+        :class:`~pnp_sci.Decoder` or a function ``(problem, scene)``.
+
+    Raises
+    ------
+    InputError, InputTypeError
+        If the name cannot be, or `decoder` cannot be called.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> register_decoder("black", lambda: lambda problem, scene: np.zeros(problem.op.shape))
+    >>> "black" in available("decoders")
+    True
+    """
+    _register("decoders", name, decoder)
+
+
+def _register(kind: str, name: str, factory: Any) -> None:
+    taken = BUILT_IN[kind]
+    if not isinstance(name, str) or not name or set(name) & set("+:,") or name in taken:
+        raise InputError(f"name is {name!r}: a name without +, : and , other than {' and '.join(taken)} was expected")
+    if not callable(factory):
+        raise InputTypeError(f"{kind[:-1]} is {factory!r}: a class or function that makes one was expected")
+    _registered[kind][name] = factory

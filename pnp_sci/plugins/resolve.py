@@ -1,146 +1,173 @@
-"""What the arguments of ``solve`` stand for: a prior, a first estimate, a reference, numbers."""
+"""What stands for a prior or a decoder, as the object: names, functions, modules of torch, sequences."""
 
 from __future__ import annotations
 
 import inspect
-import time
 from collections.abc import Callable, Sequence
+from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
 
-from pnp_sci._validate import real_array, require_finite, shaped, white, whole
-from pnp_sci.errors import FormatError, InputError, InputTypeError
-from pnp_sci.metrics import psnr, ssim
+from pnp_sci._validate import finite_number, real_array, shaped, whole
+from pnp_sci.errors import InputError, InputTypeError
 from pnp_sci.plugins import registry
-from pnp_sci.plugins.combine import Joint, Stages, TorchDenoiser, is_torch_module
-from pnp_sci.plugins.protocols import Denoiser
-from pnp_sci.sensing.problem import Problem, level
-from pnp_sci.solvers import missing
-from pnp_sci.solvers.iterate import EXPLODED, length
-
-NETWORK = "ofanet-fast"  # the quickest of the first estimates that are better than "adjoint"
+from pnp_sci.plugins.combine import FunctionPrior, Identity, Joint, Stages
+from pnp_sci.plugins.protocols import Decoder, Prior
+from pnp_sci.plugins.torch_module import TorchPrior, is_torch_module
 
 
-def make_prior(prior: Any, *, device: str | None = None, seed: int = 0, **options: Any) -> Denoiser:
-    """The denoiser that a `prior` argument of :func:`solve` stands for.
+def as_prior(prior: Any, *, device: str | None = None, seed: int = 0, **options: Any) -> Prior:
+    """The prior that an argument `prior` stands for.
 
-    Options are given to those of the named priors that take them; one that none takes is an error.
+    Parameters
+    ----------
+    prior : str, Prior, callable, torch.nn.Module, or sequence of (prior, iterations)
+        A name; names joined by "+", which work together; a :class:`~pnp_sci.Prior`; a function ``(x, sigma)``; a
+        module called the same way; or stages that follow one another.
+    device : str, optional
+        For priors that run on a device.
+    seed : int
+        For priors that draw random numbers.
+    **options
+        For the constructors of the named priors that take them.
+
+    Raises
+    ------
+    InputError, InputTypeError
+        If it stands for no prior, an option is out of its range, or no prior takes an option.
+
+    Examples
+    --------
+    >>> import pnp_sci
+    >>> pnp_sci.as_prior("tv", strength=2.0).strength
+    2.0
     """
     used: set[str] = set()
-    denoiser = _make(prior, {"device": device, "seed": seed, **options}, used)
-    unknown = set(options) - used
-    if unknown:
+    made = _made(prior, {"device": device, "seed": seed, **options}, used)
+    if unknown := set(options) - used:
         raise InputError(f"prior {prior!r} takes no option {', '.join(sorted(unknown))}")
-    return denoiser
+    return made
 
 
-def _make(prior: Any, options: dict[str, Any], used: set[str]) -> Denoiser:
+def _made(prior: Any, options: dict[str, Any], used: set[str]) -> Prior:
     if isinstance(prior, str):
-        if prior == "none":
-            return _identity
-        if "+" in prior:
-            return Joint([_make(name.strip(), options, used) for name in prior.split("+")])
-        if prior == "auto":
-            raise InputError("prior 'auto' stands alone: in a combination, the names of priors were expected")
-        factory = registry.load("priors", prior)
-        taken = {k: v for k, v in options.items() if k in inspect.signature(factory).parameters}
-        used.update(taken)
-        try:
-            return factory(**taken)
-        except (InputError, InputTypeError):
-            raise
-        except (TypeError, ValueError, OverflowError) as error:  # a prior may not look at the types it is given
-            given = {k: v for k, v in taken.items() if k not in ("device", "seed")}
-            raise InputTypeError(f"prior {prior!r} cannot be made with {given}: {error}") from error
-    if is_torch_module(prior):
-        return TorchDenoiser(prior, options["device"])
-    if isinstance(prior, Denoiser) and not isinstance(prior, type):
+        return _named(prior, options, used)
+    if isinstance(prior, Prior) and not isinstance(prior, type):
         return prior
+    if is_torch_module(prior):
+        return TorchPrior(prior, options["device"])
     if isinstance(prior, Sequence) and prior and all(isinstance(s, Sequence) and len(s) == 2 for s in prior):
         for _, calls in prior:
             whole("iterations of a stage of prior", calls, 1)
-        later = {"first": 0, **options}  # whoever comes after another finds the scene estimated already
-        made = [_make(stage, options if n == 0 else later, used) for n, (stage, _) in enumerate(prior)]
-        return Stages([(denoiser, int(calls)) for denoiser, (_, calls) in zip(made, prior)])
+        return Stages([(_made(stage, options, used), int(calls)) for stage, calls in prior])
+    if callable(prior) and not isinstance(prior, type) and _takes(prior, 2):
+        return FunctionPrior(prior)
     raise InputTypeError(
-        f"prior is {prior!r}: a name, a callable (x, sigma), a torch module or a sequence of (prior, iterations) "
-        "was expected"
+        f"prior is {prior!r}: a name, a Prior, a callable (x, sigma), a torch module or a sequence of "
+        "(prior, iterations) was expected"
     )
 
 
-def _identity(x: np.ndarray, sigma: float) -> np.ndarray:
-    return x.copy()
+def _named(prior: str, options: dict[str, Any], used: set[str]) -> Prior:
+    if prior == "none":
+        return Identity()
+    if "+" in prior:
+        return Joint([_named(name.strip(), options, used) for name in prior.split("+")])
+    if prior == "auto":
+        raise InputError("prior 'auto' stands alone: in a combination, the names of priors were expected")
+    factory = registry.load("priors", prior)
+    taken = {name: value for name, value in options.items() if name in inspect.signature(factory).parameters}
+    used.update(taken)
+    try:
+        made = factory(**taken)
+    except (InputError, InputTypeError):
+        raise
+    except (TypeError, ValueError, OverflowError) as error:  # a prior may not look at the types it is given
+        given = {name: value for name, value in taken.items() if name not in ("device", "seed")}
+        raise InputTypeError(f"prior {prior!r} cannot be made with {given}: {error}") from error
+    return _made(made, options, used)  # a factory may return a function
 
 
-def first_estimate(init: Any, problem: Problem, learned: bool = False) -> tuple[str, np.ndarray]:
-    """Name of the start that an `init` argument of :func:`solve` stands for, and that (V, B, H, W), in problem's units.
+def _takes(function: Callable, arguments: int) -> bool:
+    """Whether a function can be called with so many positional arguments, as far as it says."""
+    try:
+        inspect.signature(function).bind(*range(arguments))
+    except TypeError:
+        return False
+    except ValueError:  # some builtins tell nothing of themselves
+        return True
+    return True
 
-    Beside a learned prior "auto" is the network's, where it is installed and has weights for such masks.
+
+@dataclass(frozen=True)
+class FunctionDecoder(Decoder):
+    """A function ``(problem, scene)`` that returns a video, as a decoder."""
+
+    function: Callable[..., Any]
+    needs_scene: bool = True
+
+    def __call__(self, problem: Any, scene: Any) -> np.ndarray:
+        """The video (V, B, H, W) that the function returns."""
+        return self.function(problem, scene)
+
+
+def as_decoder(decoder: Any, **options: Any) -> Decoder:
+    """The decoder that a name, a :class:`~pnp_sci.Decoder` or a function ``(problem, scene)`` stands for.
+
+    Raises
+    ------
+    InputError, InputTypeError
+        If it stands for none, or takes no such options.
     """
-    if isinstance(init, str) and init == "auto":
+    if isinstance(decoder, str):
+        factory = registry.load("decoders", decoder)
         try:
-            return first_estimate(NETWORK if learned else "adjoint", problem)
-        except FormatError:  # weights that are damaged
-            raise
-        except InputError:
-            return first_estimate("adjoint", problem)
-    op = problem.op
-    if isinstance(init, str):
-        x = level(op, problem.y) if init == "adjoint" else registry.load("inits", init)(op, problem.y)
-    elif callable(init) and not isinstance(init, type):
-        x = init(op, problem.y)
-    else:
-        with np.errstate(all="ignore"):  # what the type cannot hold is told below
-            x = real_array("init", init) / np.float64(problem.unit)
-    x = shaped("init", x, op.shape, op.dtype)
-    require_finite("init", x)
-    share = length(missing(problem.y - op.forward(x), problem.saturated)) / (length(problem.y) or 1.0)
-    if not isinstance(init, str) and problem.y.any() and share > EXPLODED:
-        raise InputError(f"init leaves a residual of {share:.3g} times y: an estimate in the units of y was expected")
-    return init if isinstance(init, str) else type(init).__name__, x
+            inspect.signature(factory).bind(**options)
+        except TypeError as error:
+            raise InputError(f"options of decoder {decoder!r}: {error}") from error
+        return as_decoder(factory(**options))
+    if options:
+        raise InputError(f"options {', '.join(sorted(options))}: the name of a decoder was expected beside them")
+    if isinstance(decoder, type) or not callable(decoder) or not _takes(decoder, 2):
+        raise InputTypeError(f"decoder is {decoder!r}: a name or a callable (problem, scene) was expected")
+    return decoder if isinstance(decoder, Decoder) else FunctionDecoder(decoder)
 
 
-class Reference:
-    """The truth, and how close a video comes to it."""
+def denoise(x: Any, sigma: float, prior: Any = "tv", **options: Any) -> np.ndarray:
+    """Denoise a video by one call of a prior, without its warm-up.
 
-    def __init__(self, reference: Any, shape: tuple[int, ...]):
-        array = real_array("reference", reference)
-        if _longer_than_one(array.shape) != _longer_than_one(shape):
-            raise InputError(f"reference has shape {array.shape}: {shape[1:] if shape[0] == 1 else shape} was expected")
-        self.white = white("reference", array.dtype)
-        self.array = array.reshape(shape)
-        self.seconds = 0.0  # that the metrics have taken
+    Parameters
+    ----------
+    x : array_like, (V, B, H, W)
+        Views, frames, rows, columns; values about [0, 1].
+    sigma : float
+        Standard deviation of the noise in the same units, >= 0.
+    prior, **options
+        As for :func:`as_prior`.
 
-    def psnr(self, x: np.ndarray, n: int, unit: float = 1.0) -> float:
-        """Mean over the views of measurement n, for x in so many of the reference's units."""
-        return self._mean(psnr, x, n, unit)
+    Returns
+    -------
+    ndarray, (V, B, H, W)
+        A new array; float64 if x is, else float32.
 
-    def ssim(self, x: np.ndarray, n: int) -> float:
-        """Mean over the views, of measurement n."""
-        return self._mean(ssim, x, n)
+    Raises
+    ------
+    InputError, InputTypeError
+        If an argument cannot be used.
 
-    def _mean(self, metric: Callable[..., Any], x: np.ndarray, n: int, unit: float = 1.0) -> float:
-        begin = time.perf_counter()
-        with np.errstate(over="ignore"):  # metrics clip to [0, 1]
-            mean = float(np.mean(metric(x * (unit / self.white), self.array[n] / self.white)))
-        self.seconds += time.perf_counter() - begin
-        return mean
-
-
-def _longer_than_one(shape: tuple[int, ...]) -> list[int]:
-    return [length for length in shape if length > 1]
-
-
-def describe(prior: Any, denoiser: Denoiser) -> Any:
-    """A `prior` argument as JSON can hold it: by name where it has one, so that it can be given again."""
-    if isinstance(prior, str):
-        return prior
-    if isinstance(denoiser, Stages) and prior is not denoiser:
-        return [[describe(p, d), int(c)] for (p, c), (d, _) in zip(prior, denoiser.stages)]
-    return repr(prior)
-
-
-def as_plain(options: dict[str, Any]) -> dict[str, Any]:
-    """Options as JSON can hold them."""
-    return {k: v if v is None or isinstance(v, (bool, int, float, str)) else repr(v) for k, v in options.items()}
+    Examples
+    --------
+    >>> import numpy as np, pnp_sci
+    >>> x = np.zeros((1, 1, 8, 8), np.float32); x[..., 4:] = 1
+    >>> noisy = x + 0.1 * np.random.default_rng(0).standard_normal(x.shape)
+    >>> bool(np.std(pnp_sci.denoise(noisy, 0.1, "tv", inner=100) - x) < np.std(noisy - x))
+    True
+    """
+    v = real_array("x", x)
+    v = np.array(v, np.float64 if v.dtype == np.float64 else np.float32, order="C")
+    if v.ndim != 4 or v.size == 0:
+        raise InputError(f"x has shape {v.shape}: (views, frames, rows, columns) was expected, none of them 0")
+    sigma = finite_number("sigma", sigma)
+    session = as_prior(prior, **options).begin(v.shape, v.dtype)
+    return np.array(shaped("what the prior returns", session(v, sigma), v.shape, v.dtype))

@@ -1,136 +1,25 @@
-"""What a solver hands back: the video, why it stopped, the course it took and what reproduces it."""
+"""What a solver returns: the video, why it stopped, the course it took and what reproduces it."""
 
 from __future__ import annotations
 
-import json
-from collections.abc import Iterable, Mapping, Sequence
-from dataclasses import astuple, dataclass, field, fields
-from enum import Enum
+from collections.abc import Sequence
+from dataclasses import dataclass, field
 from html import escape
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, overload
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from pnp_sci import io
-from pnp_sci.errors import FormatError, InputError, InputTypeError, SolverError
+from pnp_sci.errors import FormatError, InputError, SolverError
 from pnp_sci.formats import arrays as _formats
+from pnp_sci.results import storage
+from pnp_sci.results.history import History, Record, Status
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
 _WHITE_PERCENTILE = 99.9  # a few overshooting pixels do not darken the picture
-_HDF5 = {".h5", ".hdf5"}
-
-
-class Status(Enum):
-    """Why a solver stopped, as a sentence; from the best to the worst."""
-
-    CONVERGED = "the iterates stopped changing"
-    DECODED = "a network decoded the measurement, without iterations"
-    ITERATIONS = "the number of iterations was reached"
-    TIME_BUDGET = "the time budget was spent"
-    STOPPED = "the callback asked to stop"
-    DIVERGED = "the residual grew: the best iterate before that is returned"
-    NOT_FINITE = "an iterate was not finite: the last finite one is returned"
-
-    @property
-    def ok(self) -> bool:
-        """Whether the computation went as it should."""
-        return self not in (Status.DIVERGED, Status.NOT_FINITE)
-
-    @staticmethod
-    def worst(statuses: Iterable[Status]) -> Status:
-        """The one to report for several measurements.
-
-        >>> Status.worst([Status.DIVERGED, Status.CONVERGED]).name
-        'DIVERGED'
-        """
-        return max(statuses, key=list(Status).index)
-
-
-@dataclass(frozen=True)
-class Record:
-    """One iteration; the last one together with what solve has made of its estimate.
-
-    Attributes
-    ----------
-    iteration : int
-    seconds : float
-        Since the solver began with this measurement.
-    residual : float
-        ``||y - Phi x|| / ||y||``; of saturated pixels only what Phi x falls short of y counts.
-    sigma : float
-        What the prior was told, in units where x spans about [0, 1].
-    psnr, ssim : float or None
-        Mean over the views, where a reference was given; SSIM only at the last iteration.
-    measurement : int
-        Which of several.
-    """
-
-    iteration: int
-    seconds: float
-    residual: float
-    sigma: float
-    psnr: float | None = None
-    ssim: float | None = None
-    measurement: int = 0
-
-
-class History(Sequence[Record]):
-    """The records of a run in order; never changes.
-
-    Examples
-    --------
-    >>> history = History([Record(1, 0.1, 0.5, 0.2), Record(2, 0.2, 0.25, 0.1)])
-    >>> history[-1].residual, history["residual"]
-    (0.25, array([0.5 , 0.25]))
-    """
-
-    names = tuple(f.name for f in fields(Record))
-
-    def __init__(self, records: Iterable[Record] = ()):
-        self._records = tuple(records)
-
-    def __len__(self) -> int:
-        return len(self._records)
-
-    @overload
-    def __getitem__(self, index: int) -> Record: ...
-    @overload
-    def __getitem__(self, index: slice) -> History: ...
-    @overload
-    def __getitem__(self, index: str) -> np.ndarray: ...
-    def __getitem__(self, index: int | slice | str) -> Record | History | np.ndarray:
-        """One record, a part of the history, or the values of one field (None is NaN)."""
-        if isinstance(index, str):
-            if index not in self.names:
-                raise InputError(f"index is {index!r}: one of {', '.join(self.names)} was expected")
-            return self.table()[:, self.names.index(index)]
-        return History(self._records[index]) if isinstance(index, slice) else self._records[index]
-
-    def __eq__(self, other: object) -> bool:
-        return isinstance(other, History) and self._records == other._records
-
-    def __hash__(self) -> int:
-        return hash(self._records)
-
-    def __repr__(self) -> str:
-        return f"History({len(self)} records)"
-
-    def table(self) -> np.ndarray:
-        """All numbers, (records, fields) of float64 with NaN for None; the columns are :attr:`names`."""
-        return np.array([astuple(record) for record in self], np.float64).reshape(len(self), len(self.names))
-
-    @classmethod
-    def from_table(cls, table: np.ndarray) -> History:
-        """The history that :meth:`table` shows."""
-        rows = [dict(zip(cls.names, row)) for row in np.asarray(table, np.float64).tolist()]
-        whole, optional = ("iteration", "measurement"), ("psnr", "ssim")
-        for row in rows:
-            row.update({name: int(row[name]) for name in whole})
-            row.update({name: None for name in optional if np.isnan(row[name])})
-        return cls(Record(**row) for row in rows)
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -147,8 +36,8 @@ class Result:
         Of all measurements, one after the other.
     settings : dict
         What reproduces it: options, versions, seed, hashes of the input. Holds what JSON can hold.
-    scene : dict
-        What was taken for granted about the scene.
+    scenes : list of dict
+        What was found of the scene of each measurement, and what was modelled of it; see also :attr:`scene`.
 
     Examples
     --------
@@ -160,7 +49,7 @@ class Result:
     status: Status
     history: History
     settings: dict[str, Any]
-    scene: dict[str, Any] = field(default_factory=dict)
+    scenes: list[dict[str, Any]] = field(default_factory=list)
 
     def __array__(self, dtype: Any = None, copy: bool | None = None) -> np.ndarray:
         return np.array(self.x, dtype) if copy else np.asarray(self.x, dtype)
@@ -177,31 +66,25 @@ class Result:
         white = float(np.percentile(self.x, _WHITE_PERCENTILE)) if peak is None else float(peak)
         return white if white > 0 else 1.0
 
+    @property
+    def scene(self) -> dict[str, Any]:
+        """What was found of the scene of the only measurement, see `scenes`.
+
+        Raises
+        ------
+        InputError
+            If there are several measurements.
+        """
+        if len(self.scenes) > 1:
+            raise InputError(f"scene: the result has {len(self.scenes)} measurements: scenes[n] was expected")
+        return self.scenes[0] if self.scenes else {}
+
     def save(self, path: str | Path) -> None:
         """Write NPZ or HDF5 (.h5, .hdf5), which :meth:`load` reads; the rest is JSON in it, never pickle.
 
         A write that is interrupted leaves nothing behind, and the file that was there before as it was.
         """
-        path = Path(path)
-        _suffix_known(path)
-        arrays = {"x": self.x, "history": self.history.table()}
-        texts = {
-            "status": self.status.value,
-            "history_columns": json.dumps(History.names),
-            "settings": json.dumps(self.settings, default=_as_json),
-            "scene": json.dumps(self.scene, default=_as_json),
-        }
-        with io._replacing(path) as temporary:
-            if path.suffix.lower() in _HDF5:
-                import h5py
-
-                with h5py.File(temporary, "w") as file:
-                    for name, array in arrays.items():
-                        file[name] = array
-                    file.attrs.update(texts)
-            else:
-                with temporary.open("wb") as stream:
-                    np.savez(stream, allow_pickle=False, **arrays, **texts)
+        storage.save(self, Path(path))
 
     @classmethod
     def load(cls, path: str | Path) -> Result:
@@ -214,26 +97,7 @@ class Result:
         FormatError
             If it is damaged or not a result.
         """
-        path = Path(path)
-        _suffix_known(path)
-        if not path.is_file():
-            raise FileNotFoundError(f"{path}: there is no such file")
-        try:
-            parts = _read_hdf5(path) if path.suffix.lower() in _HDF5 else _read_npz(path)
-            settings, scene = (json.loads(str(parts[name])) for name in ("settings", "scene"))
-            history, x = History.from_table(parts["history"]), parts["x"]
-            if (
-                x.ndim not in (4, 5)
-                or x.dtype.kind != "f"
-                or not (isinstance(settings, dict) and isinstance(scene, dict))
-            ):
-                raise FormatError(
-                    f"x is {x.dtype} {x.shape}, settings and scene are {settings!r:.40} and {scene!r:.40}"
-                )
-            return cls(x, Status(str(parts["status"])), history, settings, scene)
-        except Exception as error:  # each library has its own exceptions for a damaged file
-            reason = (str(error) or type(error).__name__).splitlines()[0]
-            raise FormatError(f"{path} cannot be read as a result: {reason}") from error
+        return cls(**storage.load(Path(path)))
 
     def plot(self, frames: Sequence[int] | None = None, reference: Any = None) -> Figure:
         """A picture of some frames of each view, white as :attr:`white` or as the largest value of the reference.
@@ -278,6 +142,12 @@ class Result:
     def __repr__(self) -> str:
         return f"Result({self._size()}, {self._effort()}: {self.status.value}{self._scores()})"
 
+    def __str__(self) -> str:
+        """The result in a line, and below it how it was obtained: the plan of each measurement, in words."""
+        plans = self.settings.get("plan", [])
+        numbered = [f"  measurement {n + 1}: " if len(plans) > 1 else "  " for n in range(len(plans))]
+        return "\n".join([repr(self), *(start + _in_words(plan) for start, plan in zip(numbered, plans))])
+
     def _repr_html_(self) -> str:
         rows = {"video": self._size(), "effort": self._effort(), "status": self.status.value}
         rows |= {key: str(self.settings[key]) for key in ("prior", "algorithm") if key in self.settings}
@@ -309,26 +179,10 @@ class Result:
         return list({record.measurement: record for record in self.history}.values())
 
 
-def _suffix_known(path: Path) -> None:
-    if path.suffix.lower() not in {".npz", *_HDF5}:
-        raise FormatError(f"{path}: a result is kept in .npz, .h5 or .hdf5, but {path.suffix or 'no suffix'} came")
-
-
-def _as_json(value: Any) -> Any:
-    if isinstance(value, np.ndarray | np.generic) and value.dtype.kind in "biufU":
-        return value.tolist()
-    if isinstance(value, Path):
-        return str(value)
-    raise InputTypeError(f"settings or scene hold {value!r} of type {type(value).__name__}: JSON has no such thing")
-
-
-def _read_npz(path: Path) -> Mapping[str, Any]:
-    with path.open("rb") as stream, np.load(stream, allow_pickle=False) as file:
-        return dict(file)
-
-
-def _read_hdf5(path: Path) -> Mapping[str, Any]:
-    import h5py
-
-    with h5py.File(path) as file:
-        return {**file.attrs, "x": np.asarray(file["x"]), "history": np.asarray(file["history"])}
+def _in_words(plan: dict[str, Any]) -> str:
+    """A plan as :meth:`pnp_sci.solvers.plan.Plan.describe` gives it, in a line."""
+    ends = [*(turn["from"] for turn in plan["serves"][1:]), plan["iterations"]]
+    turns = [f"{turn['prior'].partition('(')[0]} to iteration {end} at most" for turn, end in zip(plan["serves"], ends)]
+    first, last = plan["sigma"]
+    sigma = f"sigma {first:.3g}" if first == last else f"sigma falling from {first:.3g} to {last:.3g}"
+    return f"{plan['algorithm']}: {', then '.join(turns)}; {sigma}, rho {plan['rho']:.3g}"

@@ -7,10 +7,11 @@ from typing import Any
 
 import numpy as np
 
-from pnp_sci._validate import number, real_array, require_finite
+from pnp_sci._validate import finite_number, one_of, real_array, require_finite
 from pnp_sci.errors import InputError
 from pnp_sci.sensing.noise import estimate_noise
 from pnp_sci.sensing.operator import SensingOperator, as_masks
+from pnp_sci.sensing.scene_model import SceneModel
 from pnp_sci.sensing.sensor import Sensor
 
 NEAR = (1.5, 6, 24, 96)  # pixels: widths of the means over neighbours for pixels that no mask lets light to
@@ -139,7 +140,7 @@ def check_noise(noise: Any) -> Sensor:
         return noise
     if isinstance(noise, str) and noise == "auto":
         return Sensor()
-    return Sensor(number("noise", noise, '"auto", a standard deviation >= 0 in the units of y, or a Sensor'))
+    return Sensor(finite_number("noise", noise, '"auto", a standard deviation >= 0 in the units of y, or a Sensor'))
 
 
 def level(op: SensingOperator, y: np.ndarray) -> np.ndarray:
@@ -163,3 +164,11 @@ def level(op: SensingOperator, y: np.ndarray) -> np.ndarray:
             if not dark.any():
                 break
     return np.broadcast_to(common, op.shape).copy()
+
+
+def check_scene(scene: Any, op: SensingOperator) -> None:
+    """Raise an InputError if `scene` is neither "auto", "full" nor a model of so many views."""
+    if not isinstance(scene, SceneModel):
+        one_of("scene", scene, ("auto", "full"), " or a SceneModel")
+    elif len(scene.views) != op.shape[0] or not any(scene.views):
+        raise InputError(f"scene has views {scene.views}: {op.shape[0]} were expected, one of them True at least")

@@ -8,7 +8,7 @@ from typing import Any, Literal
 
 import numpy as np
 
-from pnp_sci._validate import number, whole
+from pnp_sci._validate import finite_number, whole
 from pnp_sci.errors import InputError
 
 CLIPPED, FEW = 1e-3, 16  # portion and number of pixels that have the largest value of y where it was clipped
@@ -62,12 +62,12 @@ class Sensor:
 
         if not (isinstance(self.read_noise, str) and self.read_noise == "auto"):
             expected = '"auto" or a standard deviation >= 0 in the units of y'
-            store("read_noise", number("read_noise", self.read_noise, expected))
-        store("gain", number("gain", self.gain))
+            store("read_noise", finite_number("read_noise", self.read_noise, expected))
+        store("gain", finite_number("gain", self.gain))
         if self.gain and self.read_noise == "auto":
             raise InputError('read_noise is "auto": a number was expected beside a gain, in the units of y')
         if self.full_scale is not None:
-            store("full_scale", number("full_scale", self.full_scale))
+            store("full_scale", finite_number("full_scale", self.full_scale))
             if self.full_scale == 0:
                 raise InputError("full_scale is 0: a number > 0 was expected")
         if self.bits is not None:

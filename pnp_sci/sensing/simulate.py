@@ -7,7 +7,7 @@ from typing import Any
 
 import numpy as np
 
-from pnp_sci._validate import number, require_finite
+from pnp_sci._validate import finite_number, require_finite
 from pnp_sci.errors import InputError
 from pnp_sci.io import read_video
 from pnp_sci.sensing.operator import SensingOperator
@@ -62,7 +62,7 @@ def simulate(
         if (bits, peak) != (None, None):
             raise InputError(f"bits is {bits}, peak is {peak}: neither was expected beside a Sensor, which has its own")
     else:
-        noise = number("noise", noise, "a Sensor or a finite number >= 0")
+        noise = finite_number("noise", noise, "a Sensor or a finite number >= 0")
     if bits is not None and bits not in range(1, 33):
         raise InputError(f"bits is {bits}: a whole number from 1 to 32 was expected")
     if peak is not None and not 0 < peak < np.inf:

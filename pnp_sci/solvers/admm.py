@@ -4,15 +4,14 @@ from __future__ import annotations
 
 import numpy as np
 
-from pnp_sci.plugins.protocols import Denoiser
 from pnp_sci.sensing.operator import SensingOperator
-from pnp_sci.solvers.state import State, missing
+from pnp_sci.solvers.state import Denoise, State, missing
 
 
 def admm_step(
     op: SensingOperator,
     y: np.ndarray,
-    denoise: Denoiser,
+    denoise: Denoise,
     state: State,
     sigma: float,
     rho: float | np.ndarray = 0.0,

@@ -4,9 +4,8 @@ from __future__ import annotations
 
 import numpy as np
 
-from pnp_sci.plugins.protocols import Denoiser
 from pnp_sci.sensing.operator import SensingOperator
-from pnp_sci.solvers.state import State, missing
+from pnp_sci.solvers.state import Denoise, State, missing
 
 # Chosen on clips of the validation: with up to 5 in the place of 3 `video` and `flow` have with two views what they had
 # some five iterations later, and with one view as much as before, in the mean of their iterates; up to 7 brings no
@@ -19,7 +18,7 @@ STEADY, TURNING = 0.6, 0.25  # parts of a move that are found again in the next:
 def gap_step(
     op: SensingOperator,
     y: np.ndarray,
-    denoise: Denoiser,
+    denoise: Denoise,
     state: State,
     sigma: float,
     rho: float | np.ndarray = 0.0,
@@ -83,7 +82,7 @@ def pace_after(pace: float, move: np.ndarray, following: np.ndarray) -> float:
 def plain_gap_step(
     op: SensingOperator,
     y: np.ndarray,
-    denoise: Denoiser,
+    denoise: Denoise,
     state: State,
     sigma: float,
     rho: float | np.ndarray = 0.0,

@@ -1,107 +1,113 @@
-"""How strongly to denoise and how far to trust the data, from the noise of the measurement."""
+"""All that is decided before the first iteration: which prior serves when, sigma and rho, when to stop."""
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 
+from pnp_sci.plugins.combine import Stages, Turn, serving, turns
+from pnp_sci.plugins.protocols import Prior
 from pnp_sci.sensing.operator import SensingOperator
+from pnp_sci.solvers.schedule import Schedule, contrast, schedule_for
 
-# Without noise; accelerated GAP with TV converges to the same limit for any, quickest around this one.
-SIGMA = 0.05
-# ... times so much, for so many frames of all views: of many, better priors come sooner to what there is with more. On
-# validation clips 1.25 gains 0.1 dB with two views of 14, but more than 1.15 would be noise to TV (TRUSTED). With one
-# view of 8, 0.8 is 0.1 dB better where little moves and 0.2 worse where much does.
-FRAMES, TIMES = (20, 28), (1, 1.15)
-BALANCE = 0.6  # sigma * rho per variance of the noise, where that is small
-LOUD_BALANCE = 12.6  # ... and where it is not, for fewer than 20 frames of all views: this over one more than those
-LOUD = 0.03  # noise in a pixel of x, ``noise / sqrt(gram)``, that is half way from the one to the other
-SOFTEST = 0.15  # largest rho at the beginning, in units of the mean gram: with more, the data act slowly
-FALL = 40  # iterations in which a sigma that noise has raised falls
-ENOUGH = 20  # calls, after those of TV, that strong noise leaves of use to a thorough prior
-HALF_OPEN = 0.22  # spread over level of 20 binary masks of density 1/2
-MORE = 60  # ... and as many more are of use with weak noise
+# Iterations of a plain prior. TV has converged to 0.05 dB by 100.
+EFFORTS = {"fast": 50, "balanced": 100, "best": 200}
+FEW, SOONER = 4, 0.15  # with fewer frames of all views, so much less for each that is missing
+# Calls of a strong prior after its warm-up: for each frame of all views, within these limits
+PER_FRAME = {"fast": 0, "balanced": 1.5, "best": 2.5}
+LEAST, MOST = {"fast": 20, "balanced": 30, "best": 30}, 50
+WARMUP = 30  # iterations of a strong prior's warm-up that are planned at least
 
 
-def contrast(op: SensingOperator) -> float:
-    """How much of y codes, 1 for 20 binary masks of density 1/2 or more: what tells frames apart, over the mean level.
-
-    The spread of the masks over views and frames, ``sqrt(sum(gram - S^2 / n) / sum(S^2))`` with S their sum and n their
-    number, in units of 0.22.
-    """
-    total = op.masks.sum((0, 1), dtype=np.float64)
-    level = float(np.sum(total**2))
-    spread = float(np.sum(op.gram, dtype=np.float64)) - level / (op.shape[0] * op.shape[1])
-    if level == 0 or spread <= 0:  # masks that cancel each other, or a single frame
-        return 1.0
-    return min(1.0, float(np.sqrt(spread / level)) / HALF_OPEN)
-
-
-@dataclass(frozen=True)
-class Schedule:
-    """What the solver calls the denoiser with, and how far it trusts the data, from iteration to iteration.
+@dataclass(frozen=True, eq=False)
+class Plan:
+    """What the solver does, decided before the first iteration.
 
     Attributes
     ----------
-    product : float or ndarray, (H, W)
-        sigma * rho; 0 without noise.
-    first, last : float
-        sigma at the beginning and after 40 iterations, in units where x spans [0, 1].
+    algorithm : "gap", "plain-gap" or "admm"
+    serves : tuple of Turn
+        Which prior serves from which iteration on.
+    schedule : Schedule
+        sigma and rho of every iteration.
+    iterations : int
+        The largest number.
+    tol : float
+        A change of ``||Phi x||`` by less than this share of ``||y||`` counts as none.
+    least : int
+        Iterations before which no change counts as none: those before the last prior serves.
+    deadline : float or None
+        The moment of ``time.perf_counter`` by which the solver returns.
     """
 
-    product: float | np.ndarray
-    first: float
-    last: float
+    algorithm: str
+    serves: tuple[Turn, ...]
+    schedule: Schedule
+    iterations: int
+    tol: float
+    least: int = 0
+    deadline: float | None = None
 
-    def enough(self, most: int) -> int:
-        """How many of `most` calls after those of TV are of use to a thorough prior: all without noise, else 20 to 80.
+    def averages(self, iteration: int) -> bool:
+        """Whether the estimate of this iteration, counted from 1, is averaged with those before."""
+        call = iteration - 1
+        return call >= 0 and self.serves[serving(self.serves, call, self.schedule.at(call)[0])].average
 
-        Without noise PSNR rises on. With noise it is highest some ten or twenty calls of a network after sigma has
-        fallen; called time and again, a network takes noise for texture. On clips of the validation PSNR is highest
-        after 50, 30 and 20 of these where the last sigma is 0.06, 0.08, and 0.1 or more; three pairs of the benchmark
-        were looked at too.
-        """
-        if not np.any(self.product):
-            return most
-        return min(most, round(ENOUGH + MORE * (SIGMA / max(self.last, SIGMA)) ** 4))
-
-    def at(self, iteration: int) -> tuple[float, float | np.ndarray]:
-        """sigma, and rho of the projection, for the iteration after so many."""
-        sigma = self.first * (self.last / self.first) ** min(iteration / FALL, 1) if self.first > 0 else 0.0
-        return sigma, self.product / sigma if sigma > 0 else 0.0
+    def describe(self) -> dict[str, Any]:
+        """For `Result.settings`, as JSON can hold it."""
+        return {
+            "algorithm": self.algorithm,
+            "serves": [{"prior": repr(turn.prior), "from": turn.begins} for turn in self.serves],
+            "sigma": [self.schedule.first, self.schedule.last],
+            "rho": float(np.mean(self.schedule.at(self.iterations)[1])),
+            "iterations": self.iterations,
+            "tol": self.tol,
+        }
 
 
-def schedule_for(op: SensingOperator, noise: float | np.ndarray, sigma: float | None = None) -> Schedule:
-    """The schedule for a standard deviation `noise` of y, in units where x spans [0, 1], and maybe a given sigma.
+def make_plan(
+    op: SensingOperator,
+    noise: float | np.ndarray,
+    prior: Prior,
+    *,
+    algorithm: str = "gap",
+    effort: str = "balanced",
+    frames: int | None = None,
+    iterations: int | None = None,
+    sigma: float | None = None,
+    tol: float = 8e-5,
+    deadline: float | None = None,
+) -> Plan:
+    """The plan for a measurement with this operator and noise, in units where x spans [0, 1].
 
-    What GAP and ADMM minimise depends on the product ``sigma * rho`` only. It is 0.6 times the variance of the noise
-    where noise is faint, as an estimate of it is mostly texture then, and with 20 frames of all views or more; with
-    fewer up to 4 times (2 frames) or 6 (one), the more the louder it is. It is less again where the noise in a pixel
-    of x, ``noise / sqrt(gram)``, is no longer small, since the best weight of total variation then grows like the noise
-    and not like its square. How quickly they get there depends on the two apart: without noise sigma is 0.05, with more
-    than 20 frames of all views up to 0.0575; with noise it begins with that, or with what it takes to have rho at 0.15
-    of the mean gram, and falls from there within 40 iterations half way back on a scale of powers, where flow and
-    networks can see the motion and the detail that TV leaves.
-    Where pixels differ in noise, each has its own rho, and the mean of the products decides on sigma.
-    The constants are one choice for all scenes, from coarse grids at noise levels from 0 to 0.2 of max(y) on clips of
-    the training set and of the validation and on three pairs of the benchmark. On still and moving clips of the
-    validation the best product is, with `tv` and noise of 0.02 and 0.05, 9, 5, 2, 1 and 0.8 times the variance for 1,
-    2, 8, 12 and 20 to 30 frames; without noise 4 in the place of 0.6 costs `video` 0.5 dB in still scenes.
+    Parameters
+    ----------
+    op : SensingOperator
+        Of what is modelled.
+    noise : float or ndarray, (H, W)
+    prior : Prior
+    frames : int, optional
+        Frames of all views that are modelled; by default all of the operator.
+    algorithm, effort, iterations, sigma, tol
+        As for :func:`pnp_sci.solve`.
+    deadline : float, optional
     """
-    gram, frames = float(np.mean(op.gram)), op.shape[0] * op.shape[1]
-    product = _product(noise, gram, frames) if gram > 0 else 0.0
-    mean = float(np.mean(product))
-    if sigma is not None:
-        return Schedule(product, sigma, sigma)
-    quiet = SIGMA * float(np.interp(frames, FRAMES, TIMES))
-    first = max(quiet, mean / (SOFTEST * gram)) if mean > 0 else quiet
-    return Schedule(product, first, float(np.sqrt(first * quiet)))
+    order, schedule = turns(prior, op.shape), schedule_for(op, noise, sigma)
+    if iterations is None:
+        iterations = prior.calls if isinstance(prior, Stages) else None
+    if iterations is None:
+        iterations = enough(prior, op.shape, effort, op.shape[0] * op.shape[1] if frames is None else frames, schedule)
+    return Plan(algorithm, order, schedule, iterations, tol * contrast(op), order[-1].begins, deadline)
 
 
-def _product(noise: float | np.ndarray, gram: float, frames: int) -> float | np.ndarray:
-    """sigma * rho, see :func:`schedule_for`."""
-    in_x = noise / np.sqrt(gram)
-    loud = in_x**2 / (in_x**2 + LOUD**2)
-    balance = BALANCE + max(LOUD_BALANCE / (1 + frames) - BALANCE, 0) * loud
-    return balance * noise**2 / (1 + in_x)
+def enough(prior: Prior, shape: Sequence[int], effort: str, frames: int, schedule: Schedule) -> int:
+    """How many iterations an effort allows if so many frames of all views are modelled; noise takes some of them."""
+    traits = prior.traits(tuple(shape))
+    if not traits.strong:
+        return max(EFFORTS["fast"], round(EFFORTS[effort] * (1 - SOONER * max(FEW - frames, 0))))
+    calls = round(min(max(PER_FRAME[effort] * frames, LEAST[effort]), MOST))
+    warmup = traits.warmup[1] if traits.warmup else 0
+    return max(warmup, WARMUP) + schedule.enough(calls)

@@ -2,13 +2,15 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Protocol
 
 import numpy as np
 
-from pnp_sci.plugins.protocols import Denoiser
 from pnp_sci.sensing.operator import SensingOperator
+
+Denoise = Callable[[np.ndarray, float], np.ndarray]  # (v, sigma) -> x; may overwrite v
 
 
 @dataclass(frozen=True, eq=False)
@@ -45,7 +47,7 @@ class Step(Protocol):
         self,
         op: SensingOperator,
         y: np.ndarray,
-        denoise: Denoiser,
+        denoise: Denoise,
         state: State,
         sigma: float,
         rho: float | np.ndarray,
@@ -63,3 +65,8 @@ def missing(residual: np.ndarray, saturated: np.ndarray | None) -> np.ndarray:
 def start(op: SensingOperator, y: np.ndarray, x: np.ndarray) -> State:
     """The state before the first iteration, from a first estimate x."""
     return State(0, x, y - op.forward(x), np.zeros_like(y))
+
+
+def length(picture: np.ndarray) -> float:
+    """Euclidean norm of (H, W); einsum does not start threads, which would disturb those of the kernels."""
+    return float(np.sqrt(np.einsum("ij,ij", picture, picture)))

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from copy import deepcopy
+from functools import lru_cache
 from pathlib import Path
 
 import numpy as np
@@ -16,6 +16,17 @@ CACHED = 2**18
 PIXELS = 2**24  # ... and another device: about 3 GB of activations in bfloat16
 
 
+def opened(path: Path, name: str, device: str | None) -> Runner:
+    """The network of a file of weights; read once, and again when the file has changed."""
+    changed = path.stat().st_mtime_ns if path.is_file() else None
+    return _opened(path, name, device, changed)
+
+
+@lru_cache(maxsize=8)
+def _opened(path: Path, name: str, device: str | None, changed: int | None) -> Runner:
+    return Runner(path, name, device)
+
+
 class Runner:
     """A network on its device, called with numpy arrays."""
 
@@ -23,10 +34,6 @@ class Runner:
         self.device = usable(device)
         network, self.sha256 = _weights.load(path, name)
         self.network = ready(network, self.device)
-
-    def use(self, network: torch.nn.Module) -> None:
-        """Go on with a copy of this network in the place of the file's."""
-        self.network = ready(deepcopy(network), self.device)
 
     def noise(self, frames: np.ndarray, level: np.ndarray, turn: int = 0) -> np.ndarray:
         """Estimate the noise in frames (N, H, W) of this `level` (N, H, W), all float32; `turn` as for `turned`."""

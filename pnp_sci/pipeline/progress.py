@@ -1,0 +1,42 @@
+"""A progress bar over the iterations of all measurements, and the caller's own callback."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from typing import Any
+
+from pnp_sci.results.history import Record
+from pnp_sci.solvers.state import State
+
+
+class Watch:
+    """Sees every iterate: moves the bar, if any, and asks the callback whether to stop."""
+
+    def __init__(self, callback: Callable[[State], Any] | None, bar: Any = None):
+        self.callback, self.bar, self.stopped = callback, bar, False
+
+    def expect(self, iterations: int) -> None:
+        """So many more iterations may come."""
+        if self.bar is not None:
+            self.bar.total = (self.bar.total or 0) + iterations
+
+    def __call__(self, state: State, record: Record) -> bool:
+        """Whether the callback asks to stop."""
+        if self.bar is not None and record.iteration:
+            self.bar.set_postfix_str(f"residual {record.residual:.4f}", refresh=False)
+            self.bar.update()
+        self.stopped = bool(self.callback(state)) if self.callback else False
+        return self.stopped
+
+
+@contextmanager
+def watching(callback: Callable[[State], Any] | None, shown: bool) -> Iterator[Watch]:
+    """A watch; nothing is shown, or loaded for that, if not `shown`."""
+    if not shown:
+        yield Watch(callback)
+        return
+    from tqdm.auto import tqdm
+
+    with tqdm(unit="it", leave=False) as bar:
+        yield Watch(callback, bar)

@@ -1,0 +1,43 @@
+"""What every result says of its input and of the software that made it."""
+
+from __future__ import annotations
+
+import hashlib
+import platform
+import sys
+import time
+from collections.abc import Sequence
+from functools import cache
+from importlib.metadata import version
+from typing import Any
+
+import numpy as np
+
+from pnp_sci.sensing.operator import SensingOperator
+from pnp_sci.sensing.problem import Problem
+
+
+def provenance(y: Any, masks: Any, largest: float, problems: Sequence[Problem], began: float) -> dict[str, Any]:
+    """Units and noise of each measurement, hashes of the input, versions, and the seconds since `began`.
+
+    `largest` is what the masks were divided by.
+    """
+    return {
+        "noise": [problem.typical_noise * problem.unit * largest for problem in problems],
+        "unit": [problem.unit for problem in problems],
+        "y": _digest(y),
+        "masks": _digest(masks.masks if isinstance(masks, SensingOperator) else masks),
+        "versions": dict(_versions("torch" in sys.modules)),
+        "seconds": time.perf_counter() - began,
+    }
+
+
+@cache
+def _versions(torch: bool) -> dict[str, str]:
+    packages = ("pnp-sci", "numpy", "numba", *(("torch",) if torch else ()))
+    return {package: version(package) for package in packages} | {"python": platform.python_version()}
+
+
+def _digest(array: Any) -> str:
+    """SHA-256 of the values as they came, in C order."""
+    return hashlib.sha256(np.ascontiguousarray(array).data).hexdigest()

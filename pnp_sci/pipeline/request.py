@@ -1,0 +1,118 @@
+"""What is asked of ``solve``, checked: everything but the measurement and its masks."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import asdict, dataclass
+from typing import Any
+
+from pnp_sci._validate import finite_number, instance, one_of, whole
+from pnp_sci.advice.recommend import prior_within
+from pnp_sci.pipeline.defaults import prior_for
+from pnp_sci.plugins.combine import Stages
+from pnp_sci.plugins.protocols import Prior
+from pnp_sci.plugins.resolve import as_prior
+from pnp_sci.sensing.operator import SensingOperator
+from pnp_sci.sensing.problem import check_noise, check_scene
+from pnp_sci.sensing.scene_model import SceneModel
+from pnp_sci.sensing.sensor import Sensor
+from pnp_sci.solvers.iterate import ALGORITHMS
+from pnp_sci.solvers.plan import EFFORTS
+
+
+@dataclass(frozen=True, eq=False)
+class Request:
+    """The options of :func:`pnp_sci.solve`, checked; `name` is the prior as JSON can hold it."""
+
+    prior: Prior
+    name: Any
+    prior_options: dict[str, Any]
+    init: Any
+    algorithm: str
+    effort: str
+    counted: str  # the effort whose number of iterations holds
+    scene: str | SceneModel
+    iterations: int | None
+    sensor: Sensor
+    sigma: float | None
+    tol: float
+    time_budget: float | None
+    device: str | None
+    threads: int | None
+    seed: int
+
+    def settings(self) -> dict[str, Any]:
+        """For `Result.settings`."""
+        return {
+            "prior": self.name,
+            "prior_options": as_plain(self.prior_options),
+            "algorithm": self.algorithm,
+            "effort": self.effort,
+            "sensor": asdict(self.sensor),
+            "sigma": self.sigma,
+            "tol": self.tol,
+            "time_budget": self.time_budget,
+            "device": self.device,
+            "threads": self.threads,
+            "seed": self.seed,
+        }
+
+
+def check_request(
+    op: SensingOperator,
+    count: int,
+    *,
+    prior: Any,
+    prior_options: dict[str, Any],
+    init: Any,
+    algorithm: Any,
+    effort: Any,
+    scene: Any,
+    iterations: Any,
+    noise: Any,
+    sigma: Any,
+    tol: Any,
+    time_budget: Any,
+    callback: Any,
+    progress: Any,
+    device: Any,
+    threads: Any,
+    seed: Any,
+) -> Request:
+    """The request for `count` measurements with this operator; errors name the argument."""
+    sensor = check_noise(noise)
+    one_of("algorithm", algorithm, ALGORITHMS)
+    one_of("effort", effort, EFFORTS)
+    check_scene(scene, op)
+    tol, seed = finite_number("tol", tol), whole("seed", seed, 0)
+    iterations = None if iterations is None else whole("iterations", iterations, 1)
+    threads = None if threads is None else whole("threads", threads, 1)
+    time_budget = None if time_budget is None else finite_number("time_budget", time_budget)
+    sigma = None if sigma is None else finite_number("sigma", sigma)
+    instance("callback", callback, Callable)  # type: ignore[arg-type]
+    instance("progress", progress, bool)
+    instance("device", device, str)
+    counted = effort
+    if isinstance(prior, str) and prior == "auto":
+        within = time_budget is not None
+        prior = prior_within(time_budget / count, op.shape) if within else prior_for(effort)
+        counted = "best" if within else effort
+    made = as_prior(prior, device=device, seed=seed, **prior_options)
+    return Request(
+        made, describe(prior, made), prior_options, init, algorithm, effort, counted, scene, iterations, sensor, sigma,
+        tol, time_budget, device, threads, seed,
+    )  # fmt: skip
+
+
+def describe(prior: Any, made: Prior) -> Any:
+    """A `prior` argument as JSON can hold it: by name where it has one, so that it can be given again."""
+    if isinstance(prior, str):
+        return prior
+    if isinstance(made, Stages) and prior is not made:
+        return [[describe(p, d), int(c)] for (p, c), (d, _) in zip(prior, made.stages)]
+    return repr(prior)
+
+
+def as_plain(options: dict[str, Any]) -> dict[str, Any]:
+    """Options as JSON can hold them."""
+    return {k: v if v is None or isinstance(v, (bool, int, float, str)) else repr(v) for k, v in options.items()}

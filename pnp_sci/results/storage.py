@@ -1,0 +1,113 @@
+"""Results in files: NPZ or HDF5, arrays beside JSON, nothing pickled."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Mapping
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from pnp_sci.errors import FormatError, InputTypeError
+from pnp_sci.formats.replacing import replacing
+from pnp_sci.results.history import History, Status
+
+if TYPE_CHECKING:
+    from pnp_sci.results.result import Result
+
+SUFFIXES = ".npz", ".h5", ".hdf5"
+_STATUSES_OF_0_1_0 = {  # sentences that older files hold
+    "the residual grew: the best iterate before that is returned": Status.DIVERGED,
+    "an iterate was not finite: the last finite one is returned": Status.NOT_FINITE,
+}
+
+
+def save(result: Result, path: Path) -> None:
+    """Write a result whole, or not at all."""
+    _check_suffix(path)
+    arrays = {"x": result.x, "history": result.history.table()}
+    texts = {
+        "status": result.status.value,
+        "history_columns": json.dumps(History.names),
+        "settings": json.dumps(result.settings, default=_as_json),
+        "scenes": json.dumps(result.scenes, default=_as_json),
+    }
+    with replacing(path) as temporary:
+        if path.suffix.lower() == ".npz":
+            with temporary.open("wb") as stream:
+                np.savez(stream, allow_pickle=False, **arrays, **texts)
+        else:
+            import h5py
+
+            with h5py.File(temporary, "w") as file:
+                for name, array in arrays.items():
+                    file[name] = array
+                file.attrs.update(texts)
+
+
+def load(path: Path) -> dict[str, Any]:
+    """The fields of a result from a file.
+
+    Raises
+    ------
+    FileNotFoundError
+        If there is no such file.
+    FormatError
+        If it is damaged or not a result.
+    """
+    _check_suffix(path)
+    if not path.is_file():
+        raise FileNotFoundError(f"{path}: there is no such file")
+    try:
+        return _fields(_read_npz(path) if path.suffix.lower() == ".npz" else _read_hdf5(path))
+    except Exception as error:  # each library has its own exceptions for a damaged file
+        reason = (str(error) or type(error).__name__).splitlines()[0]
+        raise FormatError(f"{path} cannot be read as a result: {reason}") from error
+
+
+def _fields(parts: Mapping[str, Any]) -> dict[str, Any]:
+    settings, x, status = json.loads(str(parts["settings"])), parts["x"], str(parts["status"])
+    scenes = json.loads(str(parts["scenes"])) if "scenes" in parts else _scenes_of_0_1_0(parts["scene"])
+    if x.ndim not in (4, 5) or x.dtype.kind != "f" or not (isinstance(settings, dict) and isinstance(scenes, list)):
+        raise FormatError(f"x is {x.dtype} {x.shape}, settings and scenes are {settings!r:.40} and {scenes!r:.40}")
+    return {
+        "x": x,
+        "status": _STATUSES_OF_0_1_0.get(status) or Status(status),
+        "history": History.from_table(parts["history"]),
+        "settings": settings,
+        "scenes": scenes,
+    }
+
+
+def _scenes_of_0_1_0(text: Any) -> list[dict[str, Any]]:
+    """Older files hold the scene of one measurement, or those of several as "measurements"."""
+    scene = json.loads(str(text))
+    if not isinstance(scene, dict):
+        raise FormatError(f"scene is {scene!r:.40}")
+    return scene.get("measurements", [scene] if scene else [])
+
+
+def _check_suffix(path: Path) -> None:
+    if path.suffix.lower() not in SUFFIXES:
+        raise FormatError(f"{path}: a result is kept in {', '.join(SUFFIXES)}, but {path.suffix or 'no suffix'} came")
+
+
+def _as_json(value: Any) -> Any:
+    if isinstance(value, np.ndarray | np.generic) and value.dtype.kind in "biufU":
+        return value.tolist()
+    if isinstance(value, Path):
+        return str(value)
+    raise InputTypeError(f"settings or scenes hold {value!r} of type {type(value).__name__}: JSON has no such thing")
+
+
+def _read_npz(path: Path) -> Mapping[str, Any]:
+    with path.open("rb") as stream, np.load(stream, allow_pickle=False) as file:
+        return dict(file)
+
+
+def _read_hdf5(path: Path) -> Mapping[str, Any]:
+    import h5py
+
+    with h5py.File(path) as file:
+        return {**file.attrs, "x": np.asarray(file["x"]), "history": np.asarray(file["history"])}

@@ -1,0 +1,89 @@
+"""Takes iterates until a rule or a failure ends the run."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass
+
+import numpy as np
+
+from pnp_sci.results.history import Record, Status
+from pnp_sci.solvers.averaging import RunningMean
+from pnp_sci.solvers.plan import Plan
+from pnp_sci.solvers.state import State, length
+from pnp_sci.solvers.stopping import Guard, Stopping, relative_residual
+
+Score = Callable[[np.ndarray], float | None]
+
+
+@dataclass
+class _Clock:
+    """Seconds since the run began, without those spent aside."""
+
+    began: float
+    aside: float = 0.0
+
+    def seconds(self) -> float:
+        return time.perf_counter() - self.began - self.aside
+
+
+def run(
+    states: Iterator[State],
+    y: np.ndarray,
+    plan: Plan,
+    observe: Callable[[State, Record], bool],
+    *,
+    score: Score | None = None,
+    saturated: np.ndarray | None = None,
+    finish: Callable[[State], State] | None = None,
+) -> tuple[State, Status, list[Record]]:
+    """Take states until the plan ends them, the observer asks to stop, or the guard sees a failure.
+
+    Where the plan says so, what is observed and returned is a running mean of the iterates; the solver goes on from the
+    iterates themselves, and guard and plateau look at them. `finish` makes of the last estimate the one that is
+    returned. After a failure the estimate with the smallest residual is returned as it is, and the records end with it.
+    Time spent in `score` and `observe` is not counted.
+
+    Returns
+    -------
+    State, Status, list of Record
+        The last record is of the estimate that is returned.
+    """
+    norm = length(y) or 1.0
+    clock, guard, stopping, mean = _Clock(time.perf_counter()), Guard(norm), Stopping(plan, norm), RunningMean()
+    records: list[Record] = []
+
+    def record_of(state: State, seconds: float) -> Record:
+        relative = relative_residual(state, norm, saturated)
+        return Record(state.iteration, seconds, relative, state.sigma, score(state.x) if score else None)
+
+    for state in states:
+        failure = guard.failure(state, relative_residual(state, norm, saturated))
+        if failure:
+            return _before_failure(guard.best or state, failure, records)
+        estimate = mean(state, plan.averages(state.iteration))
+        now, seconds = time.perf_counter(), clock.seconds()
+        records.append(record_of(estimate, seconds))
+        guard.keep(estimate, records[-1].residual)
+        asked = observe(estimate, records[-1])
+        clock.aside += time.perf_counter() - now
+        lasted = seconds - records[-2].seconds if len(records) > 1 else 0.0
+        status = stopping.reason(state, lasted, finish is not None)
+        if asked or status:
+            break
+    else:
+        raise AssertionError("iterate() has no end")
+    status = Status.STOPPED if asked else status
+    if finish and estimate.iteration:
+        finished = finish(estimate)
+        if not np.isfinite(length(finished.residual)):
+            return _before_failure(guard.best or estimate, Status.NOT_FINITE, records)
+        if finished is not estimate:
+            estimate, records[-1] = finished, record_of(finished, clock.seconds())
+    return estimate, status, records  # type: ignore[return-value]
+
+
+def _before_failure(best: State, status: Status, records: list[Record]) -> tuple[State, Status, list[Record]]:
+    """The best estimate before a failure, and the records up to it."""
+    return best, status, [record for record in records if record.iteration <= best.iteration]

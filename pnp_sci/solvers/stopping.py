@@ -1,0 +1,75 @@
+"""When a solver stops: a plateau, a number of iterations, a moment in time, or a failure."""
+
+from __future__ import annotations
+
+import time
+
+import numpy as np
+
+from pnp_sci.results.history import Status
+from pnp_sci.solvers.plan import Plan
+from pnp_sci.solvers.state import State, length, missing
+
+EXPLODED = 10.0  # relative residual that no useful iterate has: x = 0 has 1
+PLATEAU = 5  # iterations in a row whose change must be below the tolerance
+
+
+class Guard:
+    """Sees a failure: an iterate that is not finite, or a residual that has grown beyond all use.
+
+    Keeps the estimate whose residual is the smallest, to return it after a failure.
+    """
+
+    def __init__(self, norm: float):
+        self.norm = norm
+        self.best: State | None = None
+        self.smallest = np.inf
+
+    def failure(self, state: State, relative: float) -> Status | None:
+        """What is wrong with an iterate of this relative residual; None if nothing."""
+        if not np.isfinite(length(state.residual)):  # it is not if any value of x is not: 0 * nan is nan
+            return Status.NOT_FINITE
+        return Status.DIVERGED if relative > EXPLODED else None
+
+    def keep(self, estimate: State, relative: float) -> None:
+        """Remember the estimate if no other has so small a residual."""
+        if relative <= self.smallest:
+            self.best, self.smallest = estimate, relative
+
+
+class Stopping:
+    """The rules that end a run without failure."""
+
+    def __init__(self, plan: Plan, norm: float):
+        self.plan, self.norm = plan, norm
+        self.before: np.ndarray | None = None  # residual
+        self.quiet = 0  # iterations in a row that have changed less than the tolerance
+        self.slowest = 0.0  # seconds of an iteration
+        self.ending = 0.0  # seconds that are left for what finishes the estimate
+
+    def reason(self, state: State, lasted: float, finishes: bool) -> Status | None:
+        """Why to stop after this iterate, whose iteration lasted so many seconds; None if there is no reason.
+
+        As much time as the slowest iteration but the first took is left for finishing.
+        """
+        if self.before is not None:
+            change = length(state.residual - self.before) / self.norm
+            small = state.iteration > self.plan.least and change < self.plan.tol
+            self.quiet = self.quiet + 1 if small else 0
+        self.before = state.residual
+        self.slowest = max(self.slowest, lasted)
+        if finishes and state.iteration > 1:  # the first one loads and compiles
+            self.ending = max(self.ending, lasted)
+        if self.quiet >= PLATEAU:
+            return Status.CONVERGED
+        if state.iteration >= self.plan.iterations:
+            return Status.ITERATIONS
+        deadline = self.plan.deadline
+        if deadline is not None and time.perf_counter() + self.slowest + self.ending > deadline:
+            return Status.TIME_BUDGET
+        return None
+
+
+def relative_residual(state: State, norm: float, saturated: np.ndarray | None) -> float:
+    """``||y - Phi x|| / ||y||``; of saturated pixels only what Phi x falls short of y counts."""
+    return length(missing(state.residual, saturated)) / norm

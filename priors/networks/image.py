@@ -1,0 +1,83 @@
+"""The network for single frames. Torch is imported, and the weights are read, when one is made."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+if TYPE_CHECKING:
+    from priors.networks.runner import Runner
+
+WEIGHTS = Path(__file__).parents[1] / "weights"
+
+
+def runner(name: str, weights: str | Path | None = None, device: str | None = None) -> Runner:
+    """The network `name`, of a file of weights or of this package, on its device.
+
+    Raises
+    ------
+    ImportError
+        If PyTorch or safetensors is not installed.
+    DataUnavailableError, FormatError, InputError
+        If there are no such weights, they cannot be read, or the device cannot be used.
+    """
+    try:
+        from priors.networks.runner import opened
+    except ImportError as error:
+        raise ImportError(f"the prior '{name}' needs torch and safetensors: pip install 'pnp-sci[learned]'") from error
+    return opened(Path(weights or WEIGHTS / f"{name}.safetensors"), name, device)
+
+
+class ImageNet:
+    """Denoises frame by frame: ``x - noise(x, sigma)``.
+
+    Parameters
+    ----------
+    weights : path, optional
+        Safetensors file written by ``python -m priors.train ffdnet``; by default the weights of this package.
+    device : str, optional
+        Torch device such as ``"cuda"``; by default the CPU, in bfloat16 where the processor multiplies it natively.
+
+    Examples
+    --------
+    >>> denoise = ImageNet()
+    >>> float(denoise(np.full((1, 2, 8, 8), 0.5), sigma=0).mean())
+    0.5
+    """
+
+    def __init__(self, weights: str | Path | None = None, device: str | None = None):
+        self.runner = runner("ffdnet", weights, device)
+        self.still: list[float] = []  # single frames do not show what stands still
+
+    @property
+    def sha256(self) -> str:
+        """Hash of the values of the weights, 64 hexadecimal digits."""
+        return self.runner.sha256
+
+    def __call__(self, x: np.ndarray, sigma: float, turn: int = 0) -> np.ndarray:
+        """Denoise.
+
+        Parameters
+        ----------
+        x : ndarray, (V, B, H, W)
+            Values about [0, 1], float32 or float64.
+        sigma : float
+            Standard deviation of the noise in the same units, >= 0. No pixel changes by more than six times that.
+        turn : int
+            How the network sees the frames: after so many quarter turns, from 4 to 7 mirrored; modulo 8.
+
+        Returns
+        -------
+        ndarray, (V, B, H, W)
+            A new array of x's dtype.
+        """
+        if sigma == 0:
+            return x.copy()
+        frames = np.ascontiguousarray(x.reshape(-1, *x.shape[2:]), np.float32)
+        return x - self.runner.noise(frames, np.full_like(frames, sigma), turn).reshape(x.shape)
+
+    def finish(self, x: np.ndarray, sigma: float) -> np.ndarray:
+        """A solver's last estimate x as it is: single frames have no motion to average along."""
+        return x
