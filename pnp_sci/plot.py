@@ -12,8 +12,6 @@ from pnp_sci.errors import InputError
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
-    from pnp_sci.results.result import Result
-
 _SHOWN = 6  # frames side by side that are still large enough to judge
 _PANEL = 1.9  # inches
 
@@ -72,7 +70,7 @@ def plot_video(
     return figure
 
 
-def plot_history(result: Result) -> Figure:
+def plot_history(result: Any) -> Figure:
     """Residual, noise level and, where a reference was given, PSNR over the iterations; a line per measurement."""
     from matplotlib.figure import Figure
 

@@ -2,14 +2,11 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
+from typing import Any
 
 import torch
 
 from pnp_sci.training.loop import Place, Progress
-
-if TYPE_CHECKING:
-    from ofanet_init.train.tasks import Stage
 
 CARD = """# OFaNet for {views} view(s) of {frames} frames
 
@@ -37,7 +34,7 @@ Curves of this stage, each row the averaged weights on {count} clips whose scene
 """
 
 
-def write_card(stage: Stage, progress: Progress, place: Place, digest: str) -> None:
+def write_card(stage: Any, progress: Progress, place: Place, digest: str) -> None:
     """Write the card of the stage's weights as they stand."""
     config = stage.model.config
     moving = [len(clip.frames) for clip in stage.training if len(clip.frames) > 1]

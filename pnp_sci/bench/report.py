@@ -7,7 +7,7 @@ from collections.abc import Iterable, Iterator
 from datetime import datetime, timezone
 from io import BytesIO
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import Any
 
 import numpy as np
 from jinja2 import Environment, PackageLoader, StrictUndefined
@@ -16,21 +16,18 @@ from PIL import Image
 from pnp_sci.bench.pareto import Point, chart
 from pnp_sci.formats.replacing import replacing
 
-if TYPE_CHECKING:
-    from pnp_sci.bench.comparison import Comparison
-
 BUDGET = 10 * 2**20  # bytes of pictures; a third more as base64, so that the file stays below 15 MB
 ENCODINGS = ((1, None), (1, 90), (1, 70), (2, 70), (4, 70), (8, 70))  # shrunk by, WebP quality (None: PNG, no loss)
 CLOSE = 1.0  # dB below the best that a reader in a hurry may accept
 
 
-def write(path: str | Path, comparison: Comparison, title: str) -> None:
+def write(path: str | Path, comparison: Any, title: str) -> None:
     """Write the report; a write that is interrupted leaves the file that was there before as it was."""
     with replacing(Path(path)) as temporary:
         temporary.write_text(render(comparison, title), encoding="utf-8")
 
 
-def render(comparison: Comparison, title: str) -> str:
+def render(comparison: Any, title: str) -> str:
     """The text of the report. Whatever comes from outside, such as names of files, is escaped.
 
     Examples

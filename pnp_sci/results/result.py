@@ -84,7 +84,7 @@ class Result:
 
         A write that is interrupted leaves nothing behind, and the file that was there before as it was.
         """
-        storage.save(self, Path(path))
+        storage.save(Path(path), self.x, self.status, self.history, self.settings, self.scenes)
 
     @classmethod
     def load(cls, path: str | Path) -> Result:

@@ -5,16 +5,13 @@ from __future__ import annotations
 import json
 from collections.abc import Mapping
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 
 from pnp_sci.errors import FormatError, InputTypeError
 from pnp_sci.formats.replacing import replacing
 from pnp_sci.results.history import History, Status
-
-if TYPE_CHECKING:
-    from pnp_sci.results.result import Result
 
 SUFFIXES = ".npz", ".h5", ".hdf5"
 _STATUSES_OF_0_1_0 = {  # sentences that older files hold
@@ -23,15 +20,15 @@ _STATUSES_OF_0_1_0 = {  # sentences that older files hold
 }
 
 
-def save(result: Result, path: Path) -> None:
-    """Write a result whole, or not at all."""
+def save(path: Path, x: np.ndarray, status: Status, history: History, settings: dict, scenes: list[dict]) -> None:
+    """Write the fields of a result whole, or not at all."""
     _check_suffix(path)
-    arrays = {"x": result.x, "history": result.history.table()}
+    arrays = {"x": x, "history": history.table()}
     texts = {
-        "status": result.status.value,
+        "status": status.value,
         "history_columns": json.dumps(History.names),
-        "settings": json.dumps(result.settings, default=_as_json),
-        "scenes": json.dumps(result.scenes, default=_as_json),
+        "settings": json.dumps(settings, default=_as_json),
+        "scenes": json.dumps(scenes, default=_as_json),
     }
     with replacing(path) as temporary:
         if path.suffix.lower() == ".npz":

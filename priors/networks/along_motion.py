@@ -8,9 +8,9 @@ from pathlib import Path
 import numpy as np
 
 from priors.motion.measure import Motion, finished, may_show_motion, measure
+from priors.networks import LIMIT
 from priors.networks.image import ImageNet, runner
 
-LIMIT = 6.0  # no pixel changes by more standard deviations: white noise exceeds it once in 5e8 pixels
 NEIGHBOURS = 3  # frames either side that help a frame
 TOLERANCE = 0.85  # difference between a frame and its warped neighbour at which that counts 1/e, in units of sigma
 DRIFT = 1.5  # pixels between going there and back along the flow at which a neighbour counts 1/e

@@ -13,7 +13,7 @@ import torch.nn.functional as F
 from torch import nn
 
 from pnp_sci.accel.fusion import Residual
-from priors.networks.along_motion import LIMIT
+from priors.networks import LIMIT
 
 
 @dataclass(frozen=True)

@@ -12,13 +12,11 @@ import torch
 from pnp_sci.errors import InputError
 from pnp_sci.training.clips import load_clips, split
 from pnp_sci.training.loop import OPTIMIZERS, Budget, Place, launch, train
-from priors import assisted
 from priors.motion.measure import SMALLEST
 from priors.train.states import Watch
 from priors.train.task import Denoising, Sample
 
 SAMPLES = {"video": Sample(frames=8, batch=1, crop=96), "ffdnet": Sample(frames=1, batch=16, crop=64)}
-PRIORS = {"video": assisted.video, "ffdnet": assisted.ffdnet}
 FOLDER = click.Path(exists=True, file_okay=False, path_type=Path)
 PATH = click.Path(path_type=Path)
 
@@ -78,8 +76,8 @@ def main(
         numba.set_num_threads(min(torch.get_num_threads(), numba.get_num_threads()))  # as torchrun shares them
         training, validation = split(load_clips(data))
         path = weights or out / f"{name}.safetensors"
-        place, prior = Place.here(), PRIORS[name]
-        watch = Watch(training, prior(start), solves, sample.crop, seed, place.rank) if solves else None
+        place = Place.here()
+        watch = Watch(training, name, solves, sample.crop, seed, place.rank) if solves else None
         task = Denoising(name, training, validation, sample, seed, path, command, start, watch)
         train(task, budget, place, resume)
 

@@ -2,17 +2,14 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
+from typing import Any
 
 import torch
 
 from pnp_sci.training.loop import Place, Progress
-from priors.networks.unet import LIMIT
+from priors.networks import LIMIT
 from priors.train.data import CLIP, FRAME
 from priors.train.validation import FRAMES, LEVELS, SIZE
-
-if TYPE_CHECKING:
-    from priors.train.task import Denoising
 
 CARD = """# {name}: denoiser of grey {kind}
 
@@ -53,7 +50,7 @@ frames of measurements of training clips; where `ofanet-fast` has weights the so
 """
 
 
-def write_card(task: Denoising, progress: Progress, place: Place, digest: str) -> None:
+def write_card(task: Any, progress: Progress, place: Place, digest: str) -> None:
     """Write the card of the task's weights as they stand; folders appear by their last name only."""
     sample = task.sample
     moving = [len(clip.frames) for clip in task.training if len(clip.frames) > 1]

@@ -12,15 +12,22 @@ from __future__ import annotations
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass
+from pathlib import Path
+from tempfile import TemporaryDirectory
 
 import numpy as np
 import torch
 
 import pnp_sci
+from pnp_sci.plugins.protocols import Prior
 from pnp_sci.training.clips import Clip
-from priors.assisted import Assisted
-from priors.networks.runner import Runner
+from priors.ffdnet import FFDNet
+from priors.networks import files
+from priors.networks.runner import Runner, opened
 from priors.train.data import Sampler
+from priors.video import Video
+
+PRIORS = {"video": Video, "ffdnet": FFDNet}
 
 # Views and frames of the measurements that are solved, and how often.
 SETUPS = {(2, 10): 0.45, (2, 6): 0.13, (2, 14): 0.1, (1, 8): 0.2, (1, 16): 0.12}
@@ -57,28 +64,33 @@ class Watch:
     ----------
     clips : sequence of Clip
         Each view shows a piece of one.
-    prior : Assisted
-        Its network's weights are replaced.
+    name : "video" or "ffdnet"
+        The prior.
     solves : int
         Measurements at a time; what is kept of each takes about 2 MB with crops of 96 pixels.
     crop, seed, rank : int
         The same always draw the same measurements.
     """
 
-    def __init__(self, clips: Sequence[Clip], prior: Assisted, solves: int, crop: int, seed: int, rank: int):
-        self.clips, self.prior, self.solves, self.crop = clips, prior, solves, crop
+    def __init__(self, clips: Sequence[Clip], name: str, solves: int, crop: int, seed: int, rank: int):
+        self.clips, self.name, self.solves, self.crop = clips, name, solves, crop
         self.random = np.random.default_rng([seed, rank])
 
     def __call__(self, network: torch.nn.Module) -> States:
         """What the network, a bare one, sees within the solver."""
-        runner = self.prior.net._runner
-        runner.use(network)
+        with TemporaryDirectory() as folder:
+            path = Path(folder) / f"{self.name}.safetensors"
+            files.save(path, self.name, network.architecture, network)  # type: ignore[arg-type]
+            return self._gathered(opened(path, self.name, None), PRIORS[self.name](weights=path))
+
+    def _gathered(self, runner: Runner, prior: Prior) -> States:
+        """What the runner of this prior is given in some measurements."""
         seen: list[tuple[np.ndarray, np.ndarray]] = []
         kept: list[tuple[np.ndarray, np.ndarray, np.ndarray]] = []
         with _watched(runner, seen):
             for _ in range(self.solves):
                 seen.clear()
-                truth = _solved(self.clips, self.prior, self.crop, self.random)
+                truth = _solved(self.clips, prior, self.crop, self.random)
                 last = len(seen) - 1
                 for call in sorted({last, *self.random.integers(last + 1, size=CALLS - 1).tolist()}):
                     chosen = self.random.permutation(len(truth))[:FRAMES]
@@ -103,7 +115,7 @@ def _watched(runner: Runner, seen: list[tuple[np.ndarray, np.ndarray]]) -> Itera
         del runner.noise
 
 
-def _solved(clips: Sequence[Clip], prior: Assisted, crop: int, random: np.random.Generator) -> np.ndarray:
+def _solved(clips: Sequence[Clip], prior: Prior, crop: int, random: np.random.Generator) -> np.ndarray:
     """Solve one measurement; returns its truth (V * B, H, W) in the units that the network saw."""
     views, frames = list(SETUPS)[random.choice(len(SETUPS), p=list(SETUPS.values()))]
     sampler = Sampler(clips, frames=frames, crop=crop, batch=1, seed=0)

@@ -11,14 +11,14 @@ import torch
 
 from pnp_sci.training.clips import Clip
 from pnp_sci.training.loop import Place, Progress
-from priors.ffdnet import FFDNet
 from priors.networks import files as _weights
+from priors.networks.along_motion import averaged, see
+from priors.networks.image import WEIGHTS, ImageNet
 from priors.networks.unet import Network
 from priors.train.card import write_card
 from priors.train.data import Sampler
 from priors.train.states import States, Watch
 from priors.train.validation import LEVELS, denoised, psnr
-from priors.video import averaged, see
 
 LEAST = 1e-6  # added to squares: errors below 0.001 are as good as none
 
@@ -52,11 +52,11 @@ class Averaged:
     origin = "that net"
 
     def __init__(self) -> None:
-        self.image = FFDNet()
+        self.image = ImageNet()
 
     def start(self) -> Network:
         """The image net, to begin with."""
-        return _weights.load(self.image.weights, self.image.name)[0].train()
+        return _weights.load(WEIGHTS / "ffdnet.safetensors", "ffdnet")[0].train()
 
     def __call__(self, noisy: np.ndarray, sigma: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """The averages of `noisy` and the noise level that is left in each pixel."""
