@@ -1,11 +1,11 @@
-"""The ablation table of the OFaNet paper at an equal, small training budget: PSNR in dB of every variant.
+"""Ablation study of the OFaNet paper with an equal, small training budget: PSNR in dB of each variant.
 
-PNP_SCI_DATA=... python benchmarks/ablation.py MINUTES [refine]
+PNP_SCI_DATA=DIR python benchmarks/ablation.py MINUTES [refine]
 
-Of its MINUTES each variant trains its separator for the one half and everything for the other, from random weights but
-for the flow net: that is pre-trained once, for a quarter of them, as the paper's is. With `refine` the variants of the
-refine net alone: all MINUTES for it and the flow net, behind the separator of the weights that come with the package,
-and with their flow net to begin with, which has learned together with a refine net before. Runs stay in runs/ablation.
+Each variant trains its separator for half of MINUTES and the whole model for the other half, from random weights. The
+flow net is pre-trained once, for a quarter of MINUTES, as in the paper. With `refine`, only variants of the refine net
+are trained, with their flow net, for all MINUTES. Separator and initial flow net are then those of the package.
+Runs are stored in runs/ablation.
 """
 
 import csv
@@ -29,7 +29,7 @@ REFINES = {"W/o OF": "--flow none", "W/o Br": "--flow forward", "W/o JT": "--fro
 
 
 def train(name, stage, minutes, options="", *starts):
-    """Weights after that stage; a run that has ended stays as it is."""
+    """Train a stage, or resume it; return the path of its weights."""
     out = RUNS / f"{minutes:g}-minutes" / name.replace("/", "").replace(" ", "-").lower()
     options += " --crop 96 --batch 4" if stage in ("dns", "flow") else " --crop 64 --batch 2 --window 4"
     options += " --optimizer muon --schedule cosine --rate 0.001 --validations 1"
@@ -42,7 +42,7 @@ def train(name, stage, minutes, options="", *starts):
 
 
 def scores(weights):
-    """Parameters in millions; PSNR of separator and whole on the trainer's held-out clips, and on the three pairs."""
+    """Millions of parameters; PSNR in dB of separator and whole model on held-out clips and on the three pairs."""
     with open(weights.with_name("curves.csv"), newline="") as file:
         last = list(csv.DictReader(file))[-1]
     network, _ = _weights.load(weights)
@@ -58,7 +58,7 @@ def scores(weights):
 
 
 def whole_models(minutes):
-    """Weights of every variant, all from the beginning."""
+    """Weights of each variant, trained from random weights."""
     half = minutes / 2
     flow = train("flow", "flow", minutes / 4)
     separator = train("separator", "dns", half)
@@ -72,7 +72,7 @@ def whole_models(minutes):
 
 
 def refine_nets(minutes):
-    """Weights of the variants of the refine net, behind the package's separator."""
+    """Weights of the variants of the refine net, with the separator of the package."""
     network, _ = _weights.load(_weights.FOLDER / "v2b10.safetensors")
     network.refiners = torch.nn.ModuleList()
     RUNS.mkdir(parents=True, exist_ok=True)

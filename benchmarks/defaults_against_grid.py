@@ -1,9 +1,9 @@
-"""Defaults against a search for each scene and noise level, which needs the truth: PSNR in dB, mean of both views.
+"""Default parameters against a grid search with the truth, for each scene and noise level: PSNR in dB of both views.
 
-PNP_SCI_DATA=... python benchmarks/defaults_against_grid.py [tv] [flow]
+PNP_SCI_DATA=DIR python benchmarks/defaults_against_grid.py [tv] [flow]
 
-First over a grid of the prior's own parameters, and for tv of the number of iterations; then, from the best of those,
-over how far the data are trusted, as if the noise were that multiple of what is estimated.
+The first grid has parameters of the prior, and for tv the number of iterations. The second search, from the best point
+of the first, has multiples of the estimated noise.
 """
 
 import itertools
@@ -14,7 +14,7 @@ import numpy as np
 import pnp_sci
 
 PAIRS = ("bear_blackswan", "car-b_car-w", "hike_hockey")
-NOISE = (0, 0.01, 0.05, 0.1, 0.2)  # in parts of max(y)
+NOISE = (0, 0.01, 0.05, 0.1, 0.2)  # of max(y)
 TRUST = (0.5, 0.7, 1.4, 2)  # multiples of the estimated noise
 GRIDS = {
     "tv": {"iterations": (50, 100, 200), "time": ("auto", 0.03, 0.1, 0.3)},
@@ -23,7 +23,7 @@ GRIDS = {
 
 
 def solved(scene, y, prior, **settings):
-    """PSNR, and the noise that was assumed."""
+    """PSNR in dB, and the estimated noise."""
     result = pnp_sci.solve(y, scene.masks, prior, **settings)
     return float(np.mean(pnp_sci.psnr(result.x, scene.truth))), result.settings["noise"][0]
 
@@ -36,7 +36,7 @@ def main():
             scene = pnp_sci.datasets.dualview(pair)
             y = pnp_sci.simulate(scene.truth, scene.masks, noise)
             default, assumed = solved(scene, y, prior)
-            # the grid at the estimated noise, then other multiples of it from there
+            # the grid with the estimated noise, then multiples of it at the best point
             best, chosen, times = default, {}, 1
             for point in points:
                 psnr, _ = solved(scene, y, prior, noise=assumed, **point)

@@ -1,11 +1,10 @@
-"""Every prior as a plain denoiser: PSNR against sigma on the validation clips, and the time a frame takes.
+"""Priors as denoisers: PSNR against sigma on the validation clips, and milliseconds per frame.
 
-White Gaussian noise on the first ten frames, central 256 x 256, of the clips whose scenes no network was trained on;
-the sixth frame is scored, which has neighbours either side. Non-local means and the package bm3d (``pip install
-bm3d``; left out where it is missing) see that frame alone. TV and wavelets have the best of a few strengths for each
-clip and sigma, which a solver does not know.
+The data are the first ten frames, central 256 x 256 pixels, of clips whose scenes are not in the training set, with
+white Gaussian noise. The sixth frame is scored. Non-local means and the package bm3d (``pip install bm3d``; optional)
+use this frame only. The strength of TV and wavelets is the best of several for each clip and sigma.
 
-PNP_SCI_DATA=... python benchmarks/denoising.py
+PNP_SCI_DATA=DIR python benchmarks/denoising.py
 """
 
 import os
@@ -30,7 +29,7 @@ STRENGTHS = (0.5, 0.75, 1, 1.5, 2, 3)
 
 
 def alone(denoise):
-    """A denoiser of single pictures, on the scored frame only."""
+    """Apply a denoiser of single pictures to the scored frame only."""
 
     def run(x, sigma):
         out = x.copy()
@@ -44,7 +43,7 @@ def non_local_means(picture, sigma):
     return denoise_nl_means(picture, patch_size=5, patch_distance=9, h=0.6 * sigma, sigma=sigma, fast_mode=True)
 
 
-METHODS = {  # candidates, of which the best counts; frames that a call works on
+METHODS = {  # candidates, of which the best counts, and frames that a call denoises
     "tv, best strength": ([TV(strength=s, time=0, inner=100) for s in STRENGTHS], 10),
     "tv along time too, best": ([TV(strength=s, time=1, inner=100) for s in STRENGTHS], 10),
     "wavelet, best strength": ([Wavelet(strength=s) for s in STRENGTHS], 10),

@@ -1,8 +1,8 @@
-"""Numbers of frames on clips that no prior was trained on: PSNR in dB, mean over both views and three pairs of clips.
+"""PSNR in dB by number of frames, mean over both views and three pairs of clips that are not in the training set.
 
-PNP_SCI_DATA=... python benchmarks/frames_of_clips.py
+PNP_SCI_DATA=DIR python benchmarks/frames_of_clips.py
 
-Random patterns of density 1/2 that move from frame to frame and from view to view, two views of 256 x 256.
+Two views of 256 x 256 pixels, moving masks of density 1/2.
 """
 
 import os
@@ -19,7 +19,7 @@ SIZE = 256
 
 
 def middle(frames, count):
-    """So many frames of the central square, (count, 256, 256) in [0, 1]."""
+    """The first frames of the central square, (count, 256, 256) in [0, 1]."""
     top, left = ((n - SIZE) // 2 for n in frames.shape[1:])
     return frames[:count, top : top + SIZE, left : left + SIZE] / np.float32(255)
 

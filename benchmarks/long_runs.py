@@ -1,9 +1,9 @@
-"""How a learned prior wears when it is called time and again: 500 iterations at a fixed sigma of 5/255.
+"""Stability of learned priors in 500 iterations with a fixed sigma of 5/255.
 
-The centre of 128 x 128 pixels of each benchmark pair, without noise; printed is by how much PSNR at the end, and at
-worst after its best, is below that best.
+The data are the central 128 x 128 pixels of each benchmark pair, without noise. The output is the best PSNR, and the
+decrease from it at the end and at worst after it.
 
-PNP_SCI_DATA=... python benchmarks/long_runs.py
+PNP_SCI_DATA=DIR python benchmarks/long_runs.py
 """
 
 import numpy as np

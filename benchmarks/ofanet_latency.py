@@ -1,9 +1,9 @@
-"""Milliseconds of OFaNet for one measurement of 256 x 256, two views of ten frames: networks and whole decoders.
+"""Milliseconds of OFaNet, networks and decoders, for one measurement of 256 x 256 with two views of ten frames.
 
 python benchmarks/ofanet_latency.py [DEVICE]
 
-Laps take turns; printed are median and range of the milliseconds, and of the ratio to the first row. The decoders run
-the separator once with each view first and estimate the noise; `ofanet` also judges the scene, on the CPU.
+The calls alternate. The output is the median and range of the milliseconds, and of the ratio to the first row. The
+decoders run the separator once for each order of the views.
 """
 
 import sys
@@ -23,7 +23,7 @@ LAPS = 10
 
 
 def milliseconds(call, place):
-    """One lap."""
+    """Milliseconds of one call."""
     started = time.perf_counter()
     with running(place):
         call()
@@ -45,7 +45,7 @@ def main(device):
         "decoder ofanet-fast": partial(ofanet_fast, op, y, device=device),
         "decoder ofanet": partial(ofanet, op, y, device=device),
     }
-    # after two rounds that load weights and compile kernels
+    # without the first two rounds, which load weights and compile kernels
     laps = np.array([[milliseconds(call, place) for call in calls.values()] for _ in range(2 + LAPS)])[2:]
     print(torch.cuda.get_device_name(place) if place.type == "cuda" else "CPU")
     for name, own in zip(calls, laps.T):

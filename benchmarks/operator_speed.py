@@ -1,4 +1,4 @@
-"""The operator's fused projection beside the numpy formula and a plain in-place pass; memory and growth of solve().
+"""Time of the fused projection against numpy and a plain in-place pass; memory of solve() and its scaling with size.
 
 python benchmarks/operator_speed.py
 """
@@ -21,7 +21,7 @@ REPEATS = 40
 
 @numba.njit(parallel=True)
 def in_place(x):
-    """One parallel pass over x that reads and writes every value."""
+    """One parallel pass over x that reads and writes each value."""
     for block in numba.prange(x.size // 4096):
         for i in range(block * 4096, (block + 1) * 4096):
             x[i] = x[i] * np.float32(0.999) + np.float32(0.001)
@@ -47,7 +47,7 @@ def projection():
     for job in jobs.values():
         job()
     for _ in range(REPEATS):
-        for name in rng.permutation(list(jobs)):  # none always runs on the cache that the same other has left
+        for name in rng.permutation(list(jobs)):  # random order, as the state of the cache depends on the job before
             begin = time.perf_counter()
             jobs[name]()
             seconds[name].append(time.perf_counter() - begin)
@@ -59,7 +59,7 @@ def projection():
 
 
 def memory():
-    """Peak memory of solve(prior="tv") over what the process held before, in sizes of the video; in a child process."""
+    """Additional peak memory of solve(prior="tv"), in units of the video's size, measured in a child process."""
     child = subprocess.run([sys.executable, __file__, "--memory"], capture_output=True, text=True, check=True)
     print(child.stdout.strip())
 
@@ -71,19 +71,19 @@ def measure_memory():
     y, masks, size = scene.y, scene.masks, scene.truth.size
     del scene
     before = resident("VmRSS")
-    Path("/proc/self/clear_refs").write_text("5")  # the peak so far is forgotten
+    Path("/proc/self/clear_refs").write_text("5")  # resets the peak
     pnp_sci.solve(y, masks, iterations=45, tol=0)
     peak = resident("VmHWM") - before
     print(f"peak memory of solve: {peak / (4 * size):.1f} times the video")
 
 
 def resident(field):
-    """Bytes of this process in memory, now (VmRSS) or at their highest (VmHWM); Linux."""
+    """Resident memory of this process in bytes, current (VmRSS) or peak (VmHWM); Linux."""
     return 1024 * int(re.search(rf"{field}:\s+(\d+)", Path("/proc/self/status").read_text())[1])
 
 
 def growth():
-    """Seconds per iteration and pixel from 256 x 256 to 2048 x 2048."""
+    """Time per iteration and per pixel from 256 x 256 to 2048 x 2048."""
     for side in (256, 512, 1024, 2048):
         scene = pnp_sci.datasets.embedded_scene(side)
         pnp_sci.solve(scene.y, scene.masks, iterations=1)

@@ -1,6 +1,6 @@
-"""A camera that saturates and counts photons: what it brings to tell the solver of it.
+"""PSNR in dB with a model of the camera (saturation and photon noise) against noise="auto".
 
-PNP_SCI_DATA=... python benchmarks/saturation.py
+PNP_SCI_DATA=DIR python benchmarks/saturation.py
 """
 
 import numpy as np
@@ -8,7 +8,7 @@ import numpy as np
 import pnp_sci
 
 PAIRS = ("bear_blackswan", "car-b_car-w", "hike_hockey")
-CAMERAS = {  # full scale and electrons at the brightest pixel, read noise in electrons, bits
+CAMERAS = {  # full scale of max(y), electrons at max(y), read noise in electrons, bits
     "saturates at 0.6 of the brightest, 10 bits": (0.6, 1e9, 0, 10),
     "saturates at 0.8 of the brightest, 8 bits": (0.8, 1e9, 0, 8),
     "300 electrons in the brightest, 3 read noise, 10 bits": (1.0, 300, 3, 10),

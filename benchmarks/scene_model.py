@@ -1,6 +1,6 @@
-"""What is still or dark: PSNR and seconds of the scene model against the full one, with tv, flow and auto.
+"""PSNR in dB and time of the automatic scene model against the full one, on still, dark and moving scenes.
 
-PNP_SCI_DATA=... python benchmarks/scene_model.py
+PNP_SCI_DATA=DIR python benchmarks/scene_model.py
 """
 
 import time

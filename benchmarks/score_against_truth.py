@@ -1,6 +1,6 @@
-"""Does the score that needs no truth rank methods as PSNR does? Spearman's rank correlation over methods, per pair.
+"""Spearman rank correlation over methods between PSNR and the held-back score, which needs no truth, for each pair.
 
-PNP_SCI_DATA=... python benchmarks/score_against_truth.py [--fraction 0.05] [--noise 0] [--slow]
+PNP_SCI_DATA=DIR python benchmarks/score_against_truth.py [--fraction 0.05] [--noise 0] [--slow]
 """
 
 import argparse
@@ -32,7 +32,7 @@ SLOW = {"ffdnet": {"prior": "ffdnet"}, "video": {"prior": "video"}}
 
 
 def figures(scene, y, method, fraction):
-    """Mean PSNR, score, PSNR of the reconstruction without the pixels held back, relative residual."""
+    """Mean PSNR, score, PSNR of the reconstruction without the held-back pixels, and relative residual."""
     result = pnp_sci.solve(y, scene.masks, **method)
     known = {"noise": result.settings["noise"][0], "scene": SceneModel(**kept(result.scene))}
     known["init"] = filled_start(result.settings["init"])
@@ -53,9 +53,9 @@ def kept(scene):
 
 def main():
     arguments = argparse.ArgumentParser(description=__doc__)
-    arguments.add_argument("--fraction", type=float, default=0.05, help="of the pixels held back")
-    arguments.add_argument("--noise", type=float, default=0.0, help="relative to the largest value of y")
-    arguments.add_argument("--slow", action="store_true", help="the networks too: minutes a pair")
+    arguments.add_argument("--fraction", type=float, default=0.05, help="fraction of held-back pixels")
+    arguments.add_argument("--noise", type=float, default=0.0, help="standard deviation, of max(y)")
+    arguments.add_argument("--slow", action="store_true", help="networks too: minutes per pair")
     options = arguments.parse_args()
     methods = QUICK | (SLOW if options.slow else {})
     correlations = []
@@ -63,7 +63,7 @@ def main():
         scene = datasets.dualview(pair)
         y = pnp_sci.simulate(scene.truth, scene.masks, noise=options.noise)
         rows = {name: figures(scene, y, method, options.fraction) for name, method in methods.items()}
-        print(f"{pair}: PSNR, score, PSNR without the pixels held back, residual")
+        print(f"{pair}: PSNR, score, PSNR without the held-back pixels, residual")
         for name, (psnr, score, without, residual) in sorted(rows.items(), key=lambda item: -item[1][0]):
             print(f"  {name:24} {psnr:6.2f} {score:6.2f} {without:6.2f} {residual:.4f}")
         psnrs, scores, _, residuals = zip(*rows.values())

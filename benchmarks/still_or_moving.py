@@ -1,10 +1,9 @@
-"""Are still scenes told from moving ones? Clips of the validation as they are, and with their first frame repeated.
+"""Classification of scenes as still or moving, on validation clips and on still copies of their first frame.
 
-For kinds of scenes, how many are found in which nothing moves, in how many a view is found that stands still beside
-others that move, and which moving ones are taken for still, as a whole or in a view: the PSNR that this gains (+) or
-loses (-) against the full model.
+For each kind of scene the output is the number of still scenes that are found, and of still views beside moving ones.
+For moving scenes that are classified as still, wholly or in a view, it is the change of PSNR in dB from the full model.
 
-PNP_SCI_DATA=... python benchmarks/still_or_moving.py
+PNP_SCI_DATA=DIR python benchmarks/still_or_moving.py
 """
 
 import os
@@ -16,7 +15,7 @@ import pnp_sci
 from pnp_sci import SceneModel
 from pnp_sci.training.clips import load_clips, split
 
-KINDS = (  # views, frames, pixels a side, density of the masks, noise in parts of max(y), brightness of the last view
+KINDS = (  # views, frames, pixels per side, density of the masks, noise of max(y), brightness of the last view
     (2, 10, 256, 0.5, 0), (1, 8, 256, 0.5, 0), (2, 10, 128, 0.5, 0), (1, 8, 128, 0.5, 0), (2, 10, 128, 0.1, 0),
     (1, 24, 128, 0.5, 0), (2, 20, 128, 0.5, 0), (3, 10, 128, 0.5, 0), (2, 10, 64, 0.5, 0), (2, 10, 128, 0.5, 0.01),
     (1, 8, 128, 0.5, 0.02), (2, 10, 256, 0.5, 0.03), (2, 10, 128, 0.5, 0, 0.3), (2, 10, 128, 0.5, 0, 0.1),
@@ -25,7 +24,7 @@ PRIORS = ("tv", "flow")
 
 
 def scenes(clips, views, frames, size):
-    """Truths (V, B, H, W) of a clip and those that follow it, their middle."""
+    """Truths (V, B, H, W): the central squares of a clip and of the next ones."""
     long = [clip.frames for clip in clips if len(clip.frames) >= frames and min(clip.frames.shape[1:]) >= size]
     for n in range(len(long)):
         parts = (long[(n + v) % len(long)][:frames] for v in range(views))
@@ -34,7 +33,7 @@ def scenes(clips, views, frames, size):
 
 
 def still(y, masks, prior):
-    """Whether the scene, or which views of it, are taken for still."""
+    """Whether the scene is classified as still, or which of its views are."""
     return pnp_sci.solve(y, masks, prior, iterations=1).scene["still"]
 
 
@@ -62,7 +61,7 @@ def main():
                     gains.append(float(np.diff([np.mean(pnp_sci.psnr(r.x, truth)) for r in results])[0]))
             wrong = ", ".join(f"{gain:+.1f}" for gain in sorted(gains)) or "none"
             ones = f", {beside} still views" if views > 1 else ""
-            report.append(f"{prior}: {found}{ones} of {len(truths)} found, moving ones taken for still: {wrong}")
+            report.append(f"{prior}: {found}{ones} of {len(truths)} found, moving ones classified as still: {wrong}")
         last = f", last view {dim[0]}" if dim else ""
         print(f"{views} x {frames}, {size}, {density}, {noise}{last}: {'; '.join(report)}", flush=True)
 

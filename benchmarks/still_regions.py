@@ -1,9 +1,9 @@
-"""Cameras that stand still, and others: PSNR in dB of both views with still pixels found (``still``) and without.
+"""Gain in dB from the detection of still pixels (option ``still`` of the priors), for static and moving cameras.
 
-PNP_SCI_DATA=... python benchmarks/still_regions.py [tv] [flow]
+PNP_SCI_DATA=DIR python benchmarks/still_regions.py [tv] [flow]
 
-Pairs of clips of the training folder, 192 x 192, which neither prior has learned from, those held out first; before
-each gain the part of a view whose pixels change by less than 2.5 of 255 along time, and the part that the prior found.
+Pairs of clips, 192 x 192 pixels, held-out clips first. A pixel is still if its standard deviation along time is below
+2.5/255. Each line has the fractions of still pixels in the truth and of those found, PSNR without detection, and gain.
 """
 
 import os

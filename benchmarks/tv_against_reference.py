@@ -1,9 +1,9 @@
-"""GAP-TV of pnp-sci beside a reference loop of numpy and scikit-image: PSNR per video and the ratio of the times.
+"""GAP-TV of pnp-sci against a reference loop of numpy and scikit-image: PSNR per video and ratio of the times.
 
-The reference is what the field's scripts do: the projection in numpy, `denoise_tv_chambolle` over all planes as
-channels, weight 0.1, 50 accelerated iterations of 5 inner ones. Both run in turn, several times; medians are compared.
+The reference is the loop of published scripts: projection in numpy, `denoise_tv_chambolle` with all planes as channels,
+weight 0.1, and 50 accelerated iterations with 5 inner ones. Both alternate; the output is the median of the ratios.
 
-    PNP_SCI_DATA=... python benchmarks/tv_against_reference.py
+    PNP_SCI_DATA=DIR python benchmarks/tv_against_reference.py
 """
 
 import statistics

@@ -1,1 +1,1 @@
-"""OFaNet (Lu, Zhang, Shi et al.): decoder of dual-view measurements by a network, and warm start of the solvers."""
+"""OFaNet (Lu et al., arXiv:2109.05287): a network that decodes dual-view measurements or initialises the solvers."""

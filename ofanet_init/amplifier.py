@@ -1,20 +1,20 @@
-"""Energy normalisation and diversity amplifier: what the network is shown of a measurement."""
+"""Energy normalisation and diversity amplifier: the network's inputs made from a measurement."""
 
 from __future__ import annotations
 
 import torch
 from torch.nn import functional
 
-BLUR = 2.0  # standard deviation in pixels of the smoothing G; the paper says "e.g. a Gaussian filter", no width
-RADIUS = 6  # of its kernel
-DARKEST = 0.5  # of one open mask: less in all frames together tells next to nothing, and would amplify noise
+BLUR = 2.0  # pixels: standard deviation of the Gaussian G; the paper gives no width
+RADIUS = 6  # pixels: half width of the kernel of G
+DARKEST = 0.5  # open masks: lower bound on a sum of masks in a denominator, limits the amplification of noise
 
 
 def normalised(y: torch.Tensor, masks: torch.Tensor) -> torch.Tensor:
-    """The energy-normalised measurement, divided by the number of frames: y over the sum of all masks.
+    """Energy-normalised measurement: y divided by the sum of all masks.
 
-    The paper's is ``Y / (sum of C / (2 B))``, about the sum of all frames; divided by 2 B it is their mean, in the
-    units of the video, and any first layer takes the one as well as the other. Sums below 1/2 count as 1/2.
+    The paper uses ``Y / (sum of C / (2 B))``, which approximates the sum of all frames. The result here is that value
+    divided by 2 B: the mean of all frames, in the units of the video. Sums below 1/2 are replaced by 1/2.
 
     y: (N, H, W); masks: (N, V, B, H, W), >= 0. Returns (N, 1, H, W).
     """
@@ -22,11 +22,10 @@ def normalised(y: torch.Tensor, masks: torch.Tensor) -> torch.Tensor:
 
 
 def diversity(y: torch.Tensor, masks: torch.Tensor) -> torch.Tensor:
-    """The diversity-amplified images, D_1 to D_4 for two views, in the units of :func:`normalised`.
+    """Diversity-amplified images, D_1 to D_4 for two views, in the units of :func:`normalised`.
 
-    ``D_v = Y / (sum over b of C_v^b / B)`` for each view, then ``D_v - G(D_v)`` for each, G a Gaussian; the factor here
-    is ``1 / (V B)``. Where a view's masks sum to less than 1/2, being closed in all frames or nearly, that view tells
-    nothing: D_v is the normalised measurement there.
+    First ``D_v = Y / (sum over b of C_v^b / B)`` for each view v, then ``D_v - G(D_v)`` with a Gaussian filter G.
+    All are scaled by ``1 / (V B)``. Where the masks of a view sum to less than 1/2, D_v is the normalised measurement.
 
     y: (N, H, W); masks: (N, V, B, H, W), >= 0. Returns (N, 2 V, H, W).
     """
@@ -37,7 +36,7 @@ def diversity(y: torch.Tensor, masks: torch.Tensor) -> torch.Tensor:
 
 
 def blurred(images: torch.Tensor) -> torch.Tensor:
-    """G: each image (N, C, H, W) smoothed by a Gaussian, reflected at its edges."""
+    """The filter G: each image (N, C, H, W) convolved with a Gaussian, with reflection at the edges."""
     offsets = torch.arange(-RADIUS, RADIUS + 1, device=images.device, dtype=images.dtype)
     kernel = torch.exp(-0.5 * (offsets / BLUR) ** 2)
     kernel = kernel / kernel.sum()
@@ -48,6 +47,6 @@ def blurred(images: torch.Tensor) -> torch.Tensor:
 
 
 def _reflected(planes: torch.Tensor, padding: tuple[int, int, int, int]) -> torch.Tensor:
-    """Padded by reflection where the planes are large enough, else by their edge."""
+    """Planes padded by reflection, or by replication where they are smaller than the padding."""
     large = planes.shape[-1] > padding[0] and planes.shape[-2] > padding[2]
     return functional.pad(planes, padding, "reflect" if large else "replicate")

@@ -1,4 +1,4 @@
-"""Which of the paper's systems a model is."""
+"""Configuration of OFaNet and of the variants in the paper's ablation study."""
 
 from __future__ import annotations
 
@@ -12,10 +12,10 @@ FLOWS = ("none", "forward", "both")
 
 @dataclass(frozen=True)
 class OFaNetConfig:
-    """Architecture of OFaNet and of the variants in its ablation table.
+    """Architecture of OFaNet and of the variants in the paper's ablation table (Table 3).
 
     ==================  ==================================================
-    the paper's name    configuration
+    name in the paper   configuration
     ==================  ==================================================
     OFaNet              ``OFaNetConfig()``
     W/o DA              ``OFaNetConfig(amplifier=False)``
@@ -31,25 +31,25 @@ class OFaNetConfig:
     Parameters
     ----------
     views, frames : int
-        V and B of the measurements it decodes.
+        V and B of the measurements, each >= 1.
     amplifier : bool
-        Whether the diversity-amplified images D go into separator and refine net.
+        Whether the diversity-amplified images D are inputs of separator and refine net.
     dual : bool
-        A branch of its own for every view, or one for all of them.
+        Whether the separator has a branch for each view, or one branch for all views.
     refine : "none", "simplified" or "birecurrent"
-        No refine net; the recurrent network that sees both flows; or a forward network followed by a backward one.
+        No refine net; one recurrent network with both flows as inputs; or a forward network and a backward one.
     flow : "none", "forward" or "both"
-        Which optical flows the simplified refine net sees.
+        The optical flows that the simplified refine net has as inputs.
     joint : bool
-        Whether the flow net learns in the stages of training in which the refine net does.
+        Whether the flow net is trained together with the refine net.
     passes : int
-        How often flow and refine net go over the video, each time with what is left of the measurement then; the
-        paper's go over it once.
+        Number of passes of flow and refine net over the video, >= 1. Each pass uses the residual of the pass before it.
+        The paper has one pass.
 
     Raises
     ------
     InputError
-        If a field has none of these values.
+        If a field has another value.
 
     Examples
     --------
@@ -76,10 +76,10 @@ class OFaNetConfig:
 
     @property
     def diversity(self) -> int:
-        """Number of the images D: two a view with the amplifier, else none."""
+        """Number of the images D: two per view with the amplifier, else 0."""
         return 2 * self.views if self.amplifier else 0
 
     @property
     def uses_flow(self) -> bool:
-        """Whether there is a flow net."""
+        """Whether the model has a flow net."""
         return self.refine == "birecurrent" or (self.refine == "simplified" and self.flow != "none")

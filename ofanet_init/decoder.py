@@ -1,4 +1,4 @@
-"""OFaNet as a decoder and as the solvers' first estimate, by the names "ofanet" and "ofanet-fast"."""
+"""OFaNet as the decoders "ofanet" and "ofanet-fast", which also initialise the solvers."""
 
 from __future__ import annotations
 
@@ -17,11 +17,9 @@ from pnp_sci.plugins.protocols import Decoder
 from pnp_sci.sensing.problem import Problem
 from pnp_sci.sensing.scene_model import SceneModel
 
-ROWS = 512  # that the separator decodes at a time: its layers hold several videos' worth of values
-MARGIN = 64  # rows more on either side: none further away has a part in a pixel
-# Part of a video's brightest value that counts as 1 here (0.71 to 0.90 on validation clips): the network has learned in
-# units of the true one. There it is worth 0.1 dB for the refined video, 0.01 to 0.02 for the separator's.
-BRIGHTNESS = 0.8
+ROWS = 512  # rows that the separator decodes at a time, which bounds its memory
+MARGIN = 64  # rows added on either side: the receptive field of the separator
+BRIGHTNESS = 0.8  # value of the problem's unit in units of the training clips, in which white is 1
 ERROR = 0.1  # standard deviation of the network's errors, where the video spans [0, 1]
 
 _log = logging.getLogger("pnp_sci")
@@ -84,7 +82,12 @@ class OFaNetDecoder(Decoder):
 
 
 def ofanet(device: str | None = None) -> OFaNetDecoder:
-    """OFaNet: separator, optical flow and recurrent refine net; `device` such as "cuda", by default the CPU.
+    """The decoder "ofanet": separator, optical flow and recurrent refine net.
+
+    Parameters
+    ----------
+    device : str, optional
+        Torch device such as ``"cuda"``; by default the CPU.
 
     Examples
     --------
@@ -97,14 +100,14 @@ def ofanet(device: str | None = None) -> OFaNetDecoder:
 
 
 def ofanet_fast(device: str | None = None) -> OFaNetDecoder:
-    """OFaNet without refine net: diversity amplifier and dual-net separator; see :func:`ofanet`."""
+    """The decoder "ofanet-fast": diversity amplifier and separator, without refine net; arguments as :func:`ofanet`."""
     return OFaNetDecoder(False, device)
 
 
 def _decoded(network: OFaNet, problem: Problem, place: torch.device, refine: bool) -> np.ndarray:
     op, y, noise = problem.op, problem.y, problem.typical_noise
     largest = float(op.masks.max()) or 1.0
-    # where a pixel's noise exceeds the errors a second pass over the video gains nothing, or loses 0.1 dB
+    # one pass where the noise of a pixel exceeds the network's errors
     passes = 1 if noise > ERROR * np.sqrt(op.gram.mean()) else None
 
     def estimate(rows: slice) -> np.ndarray:
@@ -114,7 +117,7 @@ def _decoded(network: OFaNet, problem: Problem, place: torch.device, refine: boo
             estimates = network(measurement, masks, refine, orders=op.shape[0], passes=passes)
             return estimates.refined[0].float().cpu().numpy() / np.float32(BRIGHTNESS)
 
-    if refine and network.refiners:  # flows see far
+    if refine and network.refiners:  # optical flow needs whole frames
         x = estimate(slice(None)).astype(op.dtype)
     else:
         x = np.empty(op.shape, op.dtype)

@@ -1,4 +1,4 @@
-"""Weights of OFaNet: files that carry their configuration."""
+"""Weights of OFaNet: safetensors files with the configuration in their metadata."""
 
 from __future__ import annotations
 
@@ -14,12 +14,12 @@ FOLDER = Path(__file__).with_name("weights")
 
 
 def save(path: str | Path, network: OFaNet) -> str:
-    """Write the weights of `network` to `path`, at once or not at all; return the hash of their values."""
+    """Write the weights of `network` to `path` atomically; return the SHA-256 of their values."""
     return weights.save(path, network.state_dict(), {"model": "ofanet", "config": json.dumps(asdict(network.config))})
 
 
 def load(path: str | Path) -> tuple[OFaNet, str]:
-    """Read a network from `path`, and the hash of its weights; errors as of :func:`pnp_sci.accel.weights.read`."""
+    """Read a network from `path`, with the SHA-256 of its weights; raises as :func:`pnp_sci.accel.weights.read`."""
     tensors, metadata = weights.read(path, {"model": "ofanet"}, "python -m ofanet_init.train")
     network = OFaNet(OFaNetConfig(**json.loads(metadata["config"])))
     weights.fill(network, tensors, path)
@@ -27,10 +27,10 @@ def load(path: str | Path) -> tuple[OFaNet, str]:
 
 
 def start(network: OFaNet, path: str | Path) -> None:
-    """Take over those weights in `path` that `network` has too: of an earlier stage, or of another configuration.
+    """Initialise `network` with the weights in `path` whose names it has: an earlier stage, or another configuration.
 
-    Of kernels for another number of frames the block that both have. With other views, or without the amplifier, the
-    planes in it mean something else: a start all the same.
+    Where kernels differ in size, the block common to both is copied. With another number of views, or without the
+    amplifier, the input planes of that block have another meaning.
     """
     tensors, _ = weights.read(path, {"model": "ofanet"}, "python -m ofanet_init.train")
     own = network.state_dict()

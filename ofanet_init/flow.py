@@ -1,4 +1,4 @@
-"""Optical flow between frames: a compact trainable network, and OpenCV's DIS behind the same interface."""
+"""Optical flow between frames: a compact trainable network, and OpenCV's DIS with the same interface."""
 
 from __future__ import annotations
 
@@ -9,14 +9,14 @@ from torch.nn import functional
 
 from ofanet_init.blocks import activation, convolution
 
-WIDTHS = (24, 48, 72, 96, 128)  # channels at 1/2, 1/4 ... of the resolution
+WIDTHS = (24, 48, 72, 96, 128)  # channels at 1/2, 1/4, 1/8, 1/16 and 1/32 of the resolution
 COARSEST = 2 ** len(WIDTHS)
 
 
 class FlowNet(nn.Module):
-    """Encoder-decoder after FlowNet (Dosovitskiy et al. 2015): a flow at each scale, each refining the coarser one.
+    """Encoder-decoder after FlowNet (Dosovitskiy et al. 2015); the flow at each scale refines the coarser one.
 
-    Flows are in pixels, (columns, rows): what lies at p in the first frame lies at p + flow(p) in the second.
+    Flows are in pixels, (columns, rows): a point at p in the first frame is at p + flow(p) in the second.
     """
 
     def __init__(self) -> None:
@@ -35,11 +35,11 @@ class FlowNet(nn.Module):
         )
         self.predict = nn.ModuleList(convolution(w, 2, 3) for w in WIDTHS[::-1])
         for layer in self.predict:
-            nn.init.zeros_(layer.weight)  # type: ignore[arg-type]  # it starts from no motion
+            nn.init.zeros_(layer.weight)  # type: ignore[arg-type]  # initialised with zero flow
             nn.init.zeros_(layer.bias)  # type: ignore[arg-type]
 
     def forward(self, first: torch.Tensor, second: torch.Tensor) -> list[torch.Tensor]:
-        """Flows at 1/32, 1/16 ... 1/2 of the resolution, each in pixels of the full one; H and W multiples of 32."""
+        """Flows at 1/32, 1/16, 1/8, 1/4 and 1/2 of the resolution, in full-resolution pixels; H, W multiples of 32."""
         x = torch.cat([first, second], 1) - 0.5
         features = []
         for layer in self.encoder:
@@ -56,7 +56,7 @@ class FlowNet(nn.Module):
         return flows
 
     def flow(self, first: torch.Tensor, second: torch.Tensor) -> torch.Tensor:
-        """The flow (N, 2, H, W) from the first to the second (N, 1, H, W), of any size."""
+        """Flow (N, 2, H, W) from the first to the second frames (N, 1, H, W), of any size."""
         height, width = first.shape[2:]
         padding = (0, -width % COARSEST, 0, -height % COARSEST)
         pair = (functional.pad(frame, padding, "replicate") for frame in (first, second))
@@ -64,10 +64,10 @@ class FlowNet(nn.Module):
 
 
 class DISFlow(nn.Module):
-    """OpenCV's Dense Inverse Search (Kroeger et al. 2016) in place of a flow net, to compare with; never learns."""
+    """OpenCV's Dense Inverse Search (Kroeger et al. 2016) as a flow net without parameters, for comparisons."""
 
     def flow(self, first: torch.Tensor, second: torch.Tensor) -> torch.Tensor:
-        """The flow (N, 2, H, W) from the first to the second (N, 1, H, W); no gradient passes."""
+        """Flow (N, 2, H, W) from the first to the second frames (N, 1, H, W); not differentiable."""
         import cv2
 
         dis = cv2.DISOpticalFlow.create(cv2.DISOPTICAL_FLOW_PRESET_MEDIUM)
@@ -77,15 +77,15 @@ class DISFlow(nn.Module):
 
 
 def enlarged(x: torch.Tensor, factor: int) -> torch.Tensor:
-    """Interpolate (N, C, H, W) bilinearly to `factor` times the size."""
+    """Bilinear interpolation of (N, C, H, W) to `factor` times the height and width."""
     return functional.interpolate(x, scale_factor=factor, mode="bilinear", align_corners=False)
 
 
 def warped(x: torch.Tensor, flow: torch.Tensor) -> torch.Tensor:
-    """Fetch x (N, C, H, W) from where the flow (N, 2, H, W) points: ``out(p) = x(p + flow(p))``, edges repeated."""
+    """Backward warping of x (N, C, H, W) by a flow (N, 2, H, W): ``out(p) = x(p + flow(p))``, edges repeated."""
     height, width = x.shape[2:]
     rows = torch.arange(height, device=x.device, dtype=flow.dtype)[:, None]
     columns = torch.arange(width, device=x.device, dtype=flow.dtype)
     grid = torch.stack([(2 * (columns + flow[:, 0]) + 1) / width - 1, (2 * (rows + flow[:, 1]) + 1) / height - 1], -1)
     fetched = functional.grid_sample(x.float(), grid.float(), padding_mode="border", align_corners=False)
-    return fetched.to(x.dtype)  # a grid in bfloat16 would be off by a pixel
+    return fetched.to(x.dtype)  # float32, as bfloat16 coordinates are off by up to a pixel

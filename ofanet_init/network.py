@@ -1,4 +1,4 @@
-"""OFaNet: amplifier, separator, flow and refine net in one model, every variant by its configuration."""
+"""OFaNet: amplifier, separator, flow net and refine net in one model; the configuration selects the variant."""
 
 from __future__ import annotations
 
@@ -14,11 +14,11 @@ from ofanet_init.flow import FlowNet
 from ofanet_init.refine import Refiner
 from ofanet_init.separator import Separator
 
-LOUDER = 10.0  # times: so that the residual is seen beside masks and frames, in whose units it is some hundredths
+LOUDER = 10.0  # factor on the residual, which is some hundredths where masks and frames span [0, 1]
 
 
 class Estimates(NamedTuple):
-    """Videos (N, V, B, H, W): the separator's, and the refined one (the same without refine net)."""
+    """Videos (N, V, B, H, W): the separator's `first`, and `refined`, which equals `first` without a refine net."""
 
     first: torch.Tensor
     refined: torch.Tensor
@@ -65,14 +65,19 @@ class OFaNet(nn.Module):
         masks : Tensor, (N, V, B, H, W) or (1, V, B, H, W)
             Values in [0, 1].
         refine : bool
-            False stops behind the separator.
+            Whether flow and refine net follow the separator.
         window : slice
-            The frames that the last pass refines, for training on a part of them: those are the refined video.
+            Frames that the last pass refines, for training on some of them. The refined video holds these frames only.
         orders : int
-            The separator's video is the mean of so many: each view comes first in one of them. With as many as views,
-            it does not matter which view is the first.
+            Number of cyclic orders of the views that the separator's video is averaged over, >= 1. With one order per
+            view, the result does not depend on which view is the first.
         passes : int, optional
-            Instead of the configuration's, >= 1. Gradients come from the last only.
+            Number of passes, >= 1; by default that of the configuration. Only the last pass has gradients.
+
+        Returns
+        -------
+        Estimates
+            Two Tensors (N, V, B, H, W).
         """
         height, width = y.shape[1:]
         if height % 2 or width % 2:
@@ -88,24 +93,24 @@ class OFaNet(nn.Module):
                 residual = normalised(y - (masks * refined).sum((1, 2)), masks)
                 with torch.set_grad_enabled(torch.is_grad_enabled() and not left):
                     refined = self._refined(refined[:, :, part], through(masks[:, :, part], residual), images)
-                if left:  # else some versions of torch use weights again that were made without gradients
+                if left:  # some versions of torch would reuse cached weights that have no gradients
                     torch.clear_autocast_cache()
         else:
             refined = refined[:, :, window]
         return Estimates(first[..., :height, :width], refined[..., :height, :width])
 
     def _images(self, y: torch.Tensor, masks: torch.Tensor) -> torch.Tensor:
-        """The images D (N, 2 V, H, W), or none of them without the amplifier."""
+        """The images D (N, 2 V, H, W); (N, 0, H, W) without the amplifier."""
         return diversity(y, masks) if self.config.amplifier else y.new_zeros(len(y), 0, *y.shape[1:])
 
     def _separated(self, y: torch.Tensor, masks: torch.Tensor, view: int) -> torch.Tensor:
-        """The separator's video (N, V, B, H, W), float32, when the masks come to it with those of `view` first."""
+        """The separator's video (N, V, B, H, W), float32, for the cyclic order of views that begins with `view`."""
         turned = masks.roll(-view, 1)
         video = self.separator(normalised(y, turned), self._images(y, turned), turned)
         return video.float().roll(view, 1)
 
     def _refined(self, first: torch.Tensor, evidence: torch.Tensor, images: torch.Tensor) -> torch.Tensor:
-        """All views at once, with the same weights; evidence: (N, V, B, 2, H, W)."""
+        """Refine all views with shared weights; first: (N, V, B, H, W), evidence: (N, V, B, 2, H, W)."""
         views = first.shape[1]
         video, evidence = first.flatten(0, 1), evidence.flatten(0, 1)
         images = from_each_view(images, views)
@@ -130,15 +135,15 @@ class OFaNet(nn.Module):
 
 
 def through(masks: torch.Tensor, residual: torch.Tensor) -> torch.Tensor:
-    """For each frame its mask, and the residual (N, 1, H, W) through it: (N, V, B, 2, H, W)."""
+    """For each frame its mask, and the residual (N, 1, H, W) times that mask: (N, V, B, 2, H, W)."""
     coded = masks * residual[:, None]
     return torch.stack([masks.expand_as(coded), LOUDER * coded], 3)
 
 
 def from_each_view(images: torch.Tensor, views: int) -> torch.Tensor:
-    """The images D (N, C, H, W) for each view (N V, C, H, W): of either kind its own comes first.
+    """The images D (N, C, H, W) in the order of each view, (N V, C, H, W): its own image of each kind comes first.
 
-    The refine net is the same for all views, and could not tell otherwise which of the images is whose.
+    The views share the weights of the refine net, so the order identifies the image of the view.
     """
     kinds = images.unflatten(1, (-1, views))
     return torch.stack([kinds.roll(-v, 2) for v in range(views)], 1).flatten(2, 3).flatten(0, 1)

@@ -1,4 +1,4 @@
-"""The recurrent refine net: frame after frame, with the motion between them and the memory of those before."""
+"""The recurrent refine net: it processes one frame after the other, with optical flow and a hidden state."""
 
 from __future__ import annotations
 
@@ -8,12 +8,12 @@ from torch import nn
 from ofanet_init.blocks import ResidualUnit, chain, convolution, residual_block
 from ofanet_init.flow import warped
 
-HIDDEN = 40  # channels of the memory H
-EVIDENCE = 2  # planes that come with a frame: its mask, and what is left of the measurement, through that mask
+HIDDEN = 40  # channels of the hidden state H
+EVIDENCE = 2  # planes beside a frame: its mask, and the residual of the measurement times that mask
 
 
 class Memory(nn.Module):
-    """F_H: what the memory of the frames so far says of the next one."""
+    """The subnetwork F_H: features of the hidden state for the next frame."""
 
     def __init__(self) -> None:
         super().__init__()
@@ -28,7 +28,7 @@ class Memory(nn.Module):
 class Cell(nn.Module):
     """One step of the recurrence: ``H[t] = fuse(F_X(x[t], C[t], C[t] r), F_F(flows), F_D(D), F_H(H[t - 1]))``.
 
-    Its frame is ``x[t] + R(H[t])``.
+    The refined frame is ``x[t] + R(H[t])``.
     """
 
     def __init__(self, diversity: int, flows: int):
@@ -42,14 +42,14 @@ class Cell(nn.Module):
             convolution(20 + 40 * flows + (20 if diversity else 0) + 10, HIDDEN, 3), ResidualUnit(HIDDEN)
         )
         self.r = chain(HIDDEN, (3, 40), (1, 30), (3, 20), (1, 20), (3, 20), (1, 1), last=False)
-        for start in self.r[-1].parameters():  # it starts by adding nothing
+        for start in self.r[-1].parameters():  # initialised so that R is 0
             nn.init.zeros_(start)
 
     def forward(
         self, frame: torch.Tensor, evidence: torch.Tensor, flows: list[torch.Tensor], constant: list[torch.Tensor],
         hidden: torch.Tensor,
     ) -> tuple[torch.Tensor, torch.Tensor]:  # fmt: skip
-        """Refine a frame (N, 1, H, W), given its evidence (N, 2, H, W): new memory (N, 40, H, W) and new frame."""
+        """Refine a frame (N, 1, H, W) with its evidence (N, 2, H, W); return hidden state (N, 40, H, W) and frame."""
         motion = [net(flow / 10) for net, flow in zip(self.f_f, flows)]
         seen = self.f_x(torch.cat([frame, evidence], 1))
         hidden = self.fuse(torch.cat([seen, *motion, *constant, self.f_h(hidden)], 1))
@@ -57,21 +57,18 @@ class Cell(nn.Module):
 
 
 class Refiner(nn.Module):
-    """A recurrent pass over the frames of a video, the same for every view.
+    """A recurrent pass over the frames of a video, with weights shared by the views.
 
-    The paper's text takes x[t] "as a good initialization" where its equation has x[t - 1]; here it is x[t], and R gives
-    what is to be added, so that a net that has learned nothing returns the frame as it came. Beyond the paper, F_X also
-    sees the frame's mask and, through it, the normalised residual r of the whole video: what an estimate has missed is
-    in the measurement more than in the frame. Without them the net had gained nothing after 900 steps, with them
-    0.36 dB on training samples after 300. Where the flow from t back to t - 1 is at hand, the memory is fetched along
-    it, which the paper leaves to the net. The first frame has no predecessor: its memory and its flows are zero.
+    It differs from the paper in three points. The input of F_X is x[t], as in the paper's text, where its equation has
+    x[t - 1]; R is a correction to x[t]. F_X also has the frame's mask and the normalised residual r as inputs. With
+    both flows, the hidden state is warped along the flow from t to t - 1. The first frame has hidden state and flows 0.
 
     Parameters
     ----------
     diversity : int
-        Number of the images D; 0 leaves F_D out.
+        Number of the images D; with 0 there is no F_D.
     flows : int
-        Number of flows that come with each frame, 0 to 2.
+        Number of flows per frame, 0 to 2.
     """
 
     def __init__(self, diversity: int, flows: int):
@@ -81,9 +78,9 @@ class Refiner(nn.Module):
     def forward(
         self, x: torch.Tensor, evidence: torch.Tensor, flows: list[torch.Tensor], diversity: torch.Tensor
     ) -> torch.Tensor:
-        """Refine x (N, B, H, W).
+        """Refine x (N, B, H, W); returns the same shape.
 
-        evidence: (N, B, 2, H, W); flows, onward and then back: (N, B - 1, 2, H, W); diversity, the images D:
+        evidence: (N, B, 2, H, W); flows: forward, then backward, (N, B - 1, 2, H, W) each; diversity: the images D,
         (N, C, H, W).
         """
         hidden = x.new_zeros(len(x), HIDDEN, *x.shape[2:])

@@ -1,4 +1,4 @@
-"""The dual-net separator: from one measurement to a first video of every view."""
+"""The dual-net separator: a first estimate of every view from one measurement."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ from ofanet_init.blocks import activation, chain, convolution, residual_block
 
 
 class Branch(nn.Module):
-    """One branch: cnn1 to half resolution, three residual blocks, and cnn3 back, which sees cnn1's result too."""
+    """One branch: cnn1 to half resolution, three residual blocks, and cnn3 back, with a skip connection from cnn1."""
 
     def __init__(self, inputs: int, outputs: int):
         super().__init__()
@@ -30,7 +30,7 @@ class Branch(nn.Module):
 
 
 class Separator(nn.Module):
-    """Branches of the same architecture and their own parameters, one a view; or, not `dual`, one for all of them."""
+    """Branches of equal architecture with separate parameters, one per view; one for all views if not `dual`."""
 
     def __init__(self, views: int, frames: int, diversity: int, dual: bool):
         super().__init__()
@@ -42,8 +42,8 @@ class Separator(nn.Module):
     def forward(self, common: torch.Tensor, diversity: torch.Tensor, masks: torch.Tensor) -> torch.Tensor:
         """First estimates (N, V, B, H, W).
 
-        Each branch sees the normalised measurement (N, 1, H, W), the images D (N, 0 or 2 V, H, W), and the normalised
-        measurement through each mask of its view or views (N, V, B, H, W).
+        The inputs of a branch are `common`, the normalised measurement (N, 1, H, W), and `diversity`, the images D
+        (N, 0 or 2 V, H, W). A third input is the normalised measurement times each of its masks (N, V, B, H, W).
         """
         coded = (common[:, None] * masks).flatten(1, 2).chunk(len(self.branches), 1)
         videos = [branch(torch.cat([common, diversity, part], 1)) for branch, part in zip(self.branches, coded)]

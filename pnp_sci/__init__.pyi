@@ -11,6 +11,7 @@ from .masks import moving_masks as moving_masks
 from .masks import random_masks as random_masks
 from .metrics import psnr as psnr
 from .metrics import ssim as ssim
+from .papers import citations as citations
 from .plugins.protocols import Decoder as Decoder
 from .plugins.protocols import Prior as Prior
 from .plugins.protocols import Session as Session
@@ -33,3 +34,5 @@ from .sensing.simulate import simulate as simulate
 from .sensing.torch_operator import TorchSensingOperator as TorchSensingOperator
 from .solvers.iterate import iterate as iterate
 from .solvers.state import State as State
+
+__version__: str

@@ -1,7 +1,8 @@
-"""Measurements to try things on: the field's benchmarks and captures by name, and a scene that is always there."""
+"""Benchmark measurements and real captures by name, and a scene that needs no download."""
 
 from __future__ import annotations
 
+import hashlib
 import os
 from dataclasses import dataclass
 from functools import cache
@@ -9,6 +10,7 @@ from pathlib import Path
 
 import numpy as np
 
+from pnp_sci._optional import needed_for
 from pnp_sci.errors import DataUnavailableError, FormatError, InputError
 from pnp_sci.io import read, read_masks, read_measurement, read_video
 from pnp_sci.masks import moving_masks
@@ -17,23 +19,23 @@ from pnp_sci.sensing.simulate import simulate
 DUAL_VIEW_PAIRS = ("bear_blackswan", "bike_bus", "boy_girl", "car-b_car-w", "cow_dog", "hike_hockey")
 SINGLE_VIEW = {"runner": "runner40", "traffic": "traffic48", "drop": "drop40"}
 REAL = {"wheel": "6fan14", "hand": "4hand14"}
-_REAL_SHIFT = 16  # pixels, in rows and in columns; an element of these masks is 2 pixels wide
+_REAL_SHIFT = 16  # pixels, in rows and columns: offset of the second view's masks, 8 mask elements
 
 
 @dataclass(frozen=True, eq=False)
 class Scene:
-    """A measurement and what is known about it.
+    """A measurement, its masks, and the true video if it is known.
 
     Attributes
     ----------
     name : str
     y : ndarray of float32, (H, W) or (N, H, W)
-        One measurement, or N in a row.
+        One measurement, or N successive ones.
     masks : ndarray, (V, B, H, W)
     truth : ndarray of float32, (V, B, H, W) or (N, V, B, H, W), or None
-        What was before the camera, in [0, 1], where it is known.
+        The true video in [0, 1]; None if it is unknown.
     peak : float or None
-        The value of the brightest possible pixel of the video in the units of `y`; None where it is not known.
+        Value of white in the video, in the units of `y`; None if it is unknown.
     """
 
     name: str
@@ -50,7 +52,7 @@ class Scene:
 
 
 def fetch(name: str) -> Path:
-    """The local path of a data file, looked for in the folder ``PNP_SCI_DATA``, then in the cache, then downloaded.
+    """Local path of a data file: in the folder ``PNP_SCI_DATA``, else in the cache, else downloaded to the cache.
 
     Parameters
     ----------
@@ -60,24 +62,24 @@ def fetch(name: str) -> Path:
     Raises
     ------
     InputError
-        If there is no such name.
+        If the name is unknown.
     FormatError
-        If a file's SHA-256 is not the one that is known.
+        If the SHA-256 of the file is wrong.
     DataUnavailableError
-        If the file is not here and cannot be downloaded; the message says from where to get it.
+        If the file is not on this machine and cannot be downloaded; the message has its URL.
     """
-    import pooch
-
     files = _registry()
     if name not in files:
         raise InputError(f"name is {name!r}: one of {', '.join(files)} was expected")
     digest, url = files[name]
     local = _local(name)
     if local is not None and local.is_file():
-        found = pooch.file_hash(str(local))
+        found = hashlib.sha256(local.read_bytes()).hexdigest()
         if found != digest:
             raise FormatError(f"{local} has SHA-256 {found}, but {digest} was expected: replace or remove the file")
         return local
+    with needed_for("downloading data", "data"):
+        import pooch
     cache_folder = Path(pooch.os_cache("pnp-sci"))
     store = pooch.create(cache_folder, base_url="", registry={name: digest}, urls={name: url})
     try:
@@ -86,15 +88,15 @@ def fetch(name: str) -> Path:
         raise FormatError(f"{url} has not the SHA-256 {digest} that was expected: {error}") from error
     except OSError as error:
         raise DataUnavailableError(
-            f"{name} is not here and cannot be downloaded ({type(error).__name__}): download {url} to "
+            f"{name} is not on this machine and cannot be downloaded ({type(error).__name__}): download {url} to "
             f"{cache_folder / name}, or set the environment variable PNP_SCI_DATA to a folder that has {name}"
         ) from error
 
 
 def available() -> dict[str, bool]:
-    """Names of all known data files, and whether each is here already."""
-    import pooch
-
+    """Names of all known data files, and whether each is on this machine."""
+    with needed_for("the folder of downloaded data", "data"):
+        import pooch
     cache_folder = Path(pooch.os_cache("pnp-sci"))
     return {
         name: any(path is not None and path.is_file() for path in (_local(name), cache_folder / name))
@@ -110,12 +112,14 @@ def dualview(pair: str, frames: int | None = None) -> Scene:
     pair : str
         ``bear_blackswan``, ``bike_bus``, ``boy_girl``, ``car-b_car-w``, ``cow_dog`` or ``hike_hockey``.
     frames : int, optional
-        Only the first so many of each view, 1 to 10, measured anew.
+        Number of frames of each view, 1 to 10, from the first on; the measurement is then simulated.
 
     Raises
     ------
-    InputError, DataUnavailableError
-        If there is no such pair or number of frames; as :func:`fetch`.
+    InputError
+        If the pair or the number of frames is unknown.
+    FormatError, DataUnavailableError
+        As for :func:`fetch`.
     """
     _one_of("pair", pair, DUAL_VIEW_PAIRS)
     masks = read_masks(fetch("dualview/256_simu_mask10.mat"))
@@ -131,7 +135,7 @@ def dualview(pair: str, frames: int | None = None) -> Scene:
 
 
 def singleview(name: str) -> Scene:
-    """A single-view benchmark: B = 8, 256 x 256, binary masks, no noise, one measurement or several in a row.
+    """A single-view benchmark: B = 8, 256 x 256, binary masks, no noise, one measurement or several successive ones.
 
     Parameters
     ----------
@@ -140,8 +144,10 @@ def singleview(name: str) -> Scene:
 
     Raises
     ------
-    InputError, DataUnavailableError
-        If there is no such name; as :func:`fetch`.
+    InputError
+        If the name is unknown.
+    FormatError, DataUnavailableError
+        As for :func:`fetch`.
     """
     _one_of("name", name, (*SINGLE_VIEW, "kobe"))
     if name == "kobe":
@@ -154,17 +160,19 @@ def singleview(name: str) -> Scene:
 def real(name: str) -> Scene:
     """A capture of a real camera (CACTI): B = 14, 256 x 256, calibrated grey masks, no truth.
 
-    The masks are divided by their largest value; y is as stored, counts of 8 bits times 1000 / 255.
+    The masks are divided by their largest value. y has the stored values, 8-bit counts times 1000 / 255.
 
     Parameters
     ----------
     name : str
-        ``wheel`` (a chopper wheel that turns) or ``hand``.
+        ``wheel`` (a rotating chopper wheel) or ``hand``.
 
     Raises
     ------
-    InputError, DataUnavailableError
-        If there is no such name; as :func:`fetch`.
+    InputError
+        If the name is unknown.
+    FormatError, DataUnavailableError
+        As for :func:`fetch`.
     """
     _one_of("name", name, tuple(REAL))
     path = fetch(f"real/{REAL[name]}_cacti.mat")
@@ -173,10 +181,10 @@ def real(name: str) -> Scene:
 
 
 def real_dual() -> Scene:
-    """Two real captures in one measurement, view 1 the wheel and view 2 the hand: B = 14, 240 x 240.
+    """A dual-view measurement from two real captures, view 1 the wheel and view 2 the hand: B = 14, 240 x 240.
 
-    Light adds up, so the sum of two captures is a dual-view capture, noise included. The hand is cropped, with its
-    masks, 16 pixels further down and right, which makes its masks different from the wheel's.
+    As light is additive, the sum of two captures is a dual-view capture with noise. The hand and its masks are cropped
+    16 pixels further down and right, so that the views have different masks. Raises as :func:`fetch`.
     """
     s = _REAL_SHIFT
     wheel, hand = real("wheel"), real("hand")
@@ -185,15 +193,20 @@ def real_dual() -> Scene:
 
 
 def embedded_scene(size: int = 256) -> Scene:
-    """A dual-view scene that is always there: moving pictures of scikit-image, B = 10, no noise.
+    """A dual-view scene that needs no download, made from pictures of scikit-image: B = 10, no noise.
 
-    In each view the camera pans by 0.5 to 2 pixels a frame, and before it an object with a texture of its own moves
-    another way, hiding and uncovering what is behind. The masks are :func:`~pnp_sci.masks.moving_masks`.
+    In each view the camera pans by 0.5 to 2 pixels per frame. An object with another texture moves in another direction
+    and occludes the background. The masks are :func:`~pnp_sci.masks.moving_masks`.
 
     Parameters
     ----------
     size : int
         Rows and columns, at least 16.
+
+    Raises
+    ------
+    InputError
+        If `size` is smaller.
 
     Examples
     --------
@@ -219,11 +232,11 @@ def embedded_scene(size: int = 256) -> Scene:
 def _moving_scene(
     background: np.ndarray, texture: np.ndarray, size: int, pan: tuple[float, float], object_step: tuple[float, float]
 ) -> np.ndarray:
-    """(10, size, size) float32 in [0, 1]: a disc of `texture` moves over `background`; steps in pixels a frame."""
+    """A disc of `texture` moves over `background`: (10, size, size), float32 in [0, 1]; steps in pixels per frame."""
     from scipy.ndimage import shift
     from skimage.transform import resize
 
-    frames, margin = 10, 12  # the margin takes half of the longest pan on either side
+    frames, margin = 10, 12  # the margin is at least half of the longest pan
     canvas = size + 2 * margin
     scene = _square(background, canvas, resize)
     disc_texture = _square(texture, canvas, resize)
@@ -242,7 +255,7 @@ def _moving_scene(
 
 
 def _square(picture: np.ndarray, size: int, resize) -> np.ndarray:
-    """The middle square of a uint8 picture, resized, in [0, 1]."""
+    """The central square of a uint8 picture, resized to (size, size), in [0, 1]."""
     side = min(picture.shape)
     top, left = (picture.shape[0] - side) // 2, (picture.shape[1] - side) // 2
     return resize(picture[top : top + side, left : left + side] / 255.0, (size, size), anti_aliasing=True)
@@ -261,7 +274,7 @@ def _kobe() -> Scene:
 
 
 def _unit(counts: np.ndarray) -> np.ndarray:
-    """8-bit values, or sums of them, in units of 255."""
+    """8-bit values, or sums of them, divided by 255, as float32."""
     return (counts / 255).astype(np.float32)
 
 

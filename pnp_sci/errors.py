@@ -23,3 +23,7 @@ class DataUnavailableError(FileNotFoundError):
 
 class SolverError(RuntimeError):
     """A numerical failure, raised only by ``Result.raise_for_status()``."""
+
+
+class MissingExtraError(ImportError):
+    """A package is missing that an extra of this one installs: the message says which."""

@@ -1,8 +1,8 @@
-"""Measurements, masks and videos in the files that the field uses.
+"""Reading and writing of measurements, masks and videos.
 
-In memory planes come first: measurements (N, H, W), masks and videos (V, B, H, W). In MAT-files they come last,
-(H, W, K) or (H, W, B, V), but for the array ``pic``; in all other files first. A stack whose square frames say the
-opposite, as (256, 256, 8) does in an NPY file, is refused rather than guessed at.
+In memory, planes come first: measurements (N, H, W), masks and videos (V, B, H, W). In MAT-files planes come last,
+(H, W, K) or (H, W, B, V), except in the array ``pic``; in all other files they come first. A stack whose square frames
+contradict this order, such as (256, 256, 8) in an NPY file, raises an error.
 """
 
 from __future__ import annotations
@@ -27,7 +27,7 @@ _DUAL_VIEW = ("simu_mask", "patch_save")  # the benchmark of the OFaNet paper: v
 
 
 class Entry(NamedTuple):
-    """One array of a file, planes first: what :func:`describe` says of it."""
+    """Description of one array of a file, planes first, by :func:`describe`."""
 
     key: str
     shape: tuple[int, ...]
@@ -36,7 +36,7 @@ class Entry(NamedTuple):
 
 
 def read(path: str | Path, key: str | None = None) -> np.ndarray:
-    """An array from a file, with the values and the dtype that it is stored with, planes first.
+    """Read an array from a file, with its stored values and dtype, planes first.
 
     Parameters
     ----------
@@ -44,14 +44,18 @@ def read(path: str | Path, key: str | None = None) -> np.ndarray:
         MAT (v5 and v7.3), NPY, NPZ, HDF5, TIFF (ImageJ's order), PNG, a folder of PNGs in the order of their numbers,
         or a video (MP4, AVI, MOV, MKV, GIF; read as grey).
     key : str, optional
-        Which array; needed where the file has several.
+        Name of the array; needed if the file has several.
+
+    Returns
+    -------
+    ndarray
 
     Raises
     ------
     FileNotFoundError
-        If there is no such file.
+        If the file does not exist.
     FormatError
-        If the file is damaged, or holds several arrays or none; the message lists what is there.
+        If the file is damaged, or has several arrays or none; the message lists the arrays.
     """
     path = Path(path)
     arrays = _formats.load(path)
@@ -59,9 +63,13 @@ def read(path: str | Path, key: str | None = None) -> np.ndarray:
 
 
 def read_measurement(path: str | Path, key: str | None = None) -> np.ndarray:
-    """A measurement (H, W), or several (N, H, W), from a file; see :func:`read`.
+    """Read a measurement (H, W), or several (N, H, W), from a file; path and errors as for :func:`read`.
 
-    Without `key`, the array is ``meas``, ``y`` or ``measurement``, or the only one there is.
+    Parameters
+    ----------
+    path : path
+    key : str, optional
+        Name of the array. By default ``meas``, ``y`` or ``measurement``, or the only array of the file.
     """
     path = Path(path)
     name, array = _find(path, "measurement", key)
@@ -71,39 +79,42 @@ def read_measurement(path: str | Path, key: str | None = None) -> np.ndarray:
 
 
 def read_masks(path: str | Path, views: int | None = None, key: str | None = None) -> np.ndarray:
-    """Masks (V, B, H, W) from a file; see :func:`read`.
+    """Read masks (V, B, H, W) from a file; see :func:`read`.
 
     Parameters
     ----------
     path : path
     views : int, optional
-        How many views share the planes of a 3-D array, one view after the other. Default: 2 for ``simu_mask``, else 1.
+        Number of views that the planes of a 3-D array are divided into, one view after the other. By default 2 for
+        ``simu_mask``, else 1.
     key : str, optional
-        Default: ``simu_mask``, ``mask`` or ``masks``, or the only array there is.
+        Name of the array. By default ``simu_mask``, ``mask`` or ``masks``, or the only array of the file.
 
     Raises
     ------
     FormatError
-        If the planes cannot be shared among the views; and as :func:`read`.
+        If the number of planes is not a multiple of `views`; other errors as for :func:`read`.
     """
     return _in_views(Path(path), *_find(Path(path), "masks", key), views)
 
 
 def read_video(path: str | Path, views: int | None = None, key: str | None = None) -> np.ndarray:
-    """A video (V, B, H, W) from a file, or those of several measurements (N, V, B, H, W); see :func:`read`.
+    """Read a video (V, B, H, W), or those of several measurements (N, V, B, H, W), from a file; see :func:`read`.
 
     Parameters
     ----------
     path : path
     views : int, optional
-        How many views share the planes of a 3-D array, one view after the other. Default: 2 for ``patch_save``, else 1.
+        Number of views that the planes of a 3-D array are divided into, one view after the other. By default 2 for
+        ``patch_save``, else 1.
     key : str, optional
-        Default: ``patch_save``, ``orig``, ``pic``, ``x``, ``video`` or ``truth``, or the only array there is.
+        Name of the array. By default ``patch_save``, ``orig``, ``pic``, ``x``, ``video`` or ``truth``, or the only
+        array of the file.
 
     Raises
     ------
     FormatError
-        If the planes cannot be shared among the views; and as :func:`read`.
+        If the number of planes is not a multiple of `views`; other errors as for :func:`read`.
     """
     name, array = _find(Path(path), "video", key)
     if array.ndim == 5 and views in (None, array.shape[1]):
@@ -112,7 +123,13 @@ def read_video(path: str | Path, views: int | None = None, key: str | None = Non
 
 
 def describe(path: str | Path) -> list[Entry]:
-    """What a file holds: (key, shape with planes first, dtype, what it looks like) for each array."""
+    """Describe the arrays of a file: name, shape with planes first, dtype and probable meaning of each.
+
+    Raises
+    ------
+    FileNotFoundError, FormatError
+        As for :func:`read`.
+    """
     return [
         Entry(key, array.shape, str(array.dtype), _meaning(key, array))
         for key, array in _formats.load(Path(path)).items()
@@ -122,10 +139,22 @@ def describe(path: str | Path) -> list[Entry]:
 def write(path: str | Path, array: Any) -> None:
     """Write an array, or a mapping of names to arrays, in the format of the path's suffix.
 
-    :func:`read` gives it back with its dtype and shape, except from the formats for looking at: MP4, AVI, GIF, PNG and
-    folders of PNGs (a path without suffix) are of 8 bits; floats are clipped to [0, 1] and scaled to 0..255 (PNG keeps
-    uint16 too). A mapping needs NPZ, HDF5 or MAT. A write that fails or is interrupted leaves nothing behind, and the
-    file that was there before as it was.
+    :func:`read` returns it with the same dtype and shape, except from formats for display. These are MP4, AVI, GIF, PNG
+    and folders of PNGs (a path without suffix), which have 8 bits: floats are clipped to [0, 1] and scaled to 0..255.
+    PNG also stores uint16. Writing is atomic: after an error, an earlier file at this path is unchanged.
+
+    Parameters
+    ----------
+    path : path
+    array : array_like or mapping of str to array_like
+        Real numbers. A mapping needs NPZ, HDF5 or MAT.
+
+    Raises
+    ------
+    InputError, InputTypeError, FormatError
+        If an array cannot be stored in this format, or the suffix is unknown.
+    FileNotFoundError
+        If the folder does not exist.
 
     Examples
     --------
@@ -145,20 +174,20 @@ def write(path: str | Path, array: Any) -> None:
 
 
 def write_video(path: str | Path, frames: Any, fps: float = 10) -> None:
-    """Write frames (B, H, W) as MP4, AVI or GIF for looking at.
+    """Write frames (B, H, W) as MP4, AVI or GIF, for display.
 
     Parameters
     ----------
     path : path
     frames : array_like, (B, H, W)
-        Floats are clipped to [0, 1] and scaled to 0..255; bool and uint8 are taken as they are.
+        Floats are clipped to [0, 1] and scaled to 0..255; bool becomes 0 and 255; uint8 is unchanged.
     fps : float
         Frames per second, > 0.
 
     Raises
     ------
     InputError, InputTypeError, FormatError
-        If frames, fps or the suffix cannot be.
+        If `frames`, `fps` or the suffix of `path` cannot be used.
     """
     path = Path(path)
     if path.suffix.lower() not in _formats.VIDEO:
@@ -172,7 +201,7 @@ def write_video(path: str | Path, frames: Any, fps: float = 10) -> None:
 
 
 def _find(path: Path, kind: str, key: str | None) -> tuple[str, np.ndarray]:
-    """The array of this kind, its planes first beyond doubt."""
+    """Name and array of this kind in a file; raises a FormatError if its planes may not come first."""
     arrays = _formats.load(path)
     others = {name for names in _NAMES.values() for name in names} - set(_NAMES[kind])
     candidates = [name for name in _NAMES[kind] if name in arrays]
@@ -181,8 +210,8 @@ def _find(path: Path, kind: str, key: str | None) -> tuple[str, np.ndarray]:
     name, array = _chosen(path, arrays, candidates, key, kind)
     if _doubtful(path, name, array.shape):
         raise FormatError(
-            f"{path}: {name} has shape {array.shape} with planes first, but its square frames say that its axes are in "
-            "another order: write it again with planes last in a MAT-file, or first in any other"
+            f"{path}: {name} has shape {array.shape} with planes first, but its square frames indicate another order "
+            "of axes: write it again with planes last in a MAT-file, or first in any other"
         )
     return name, array
 
@@ -202,7 +231,7 @@ def _chosen(
 
 
 def _doubtful(path: Path, name: str, shape: tuple[int, ...]) -> bool:
-    """Whether two equal axes, larger than the rest, are not those taken as rows and columns."""
+    """Whether two equal axes that are larger than the others are not rows and columns."""
     in_mat = path.suffix.lower() in _formats.MAT and name not in _formats.PLANES_FIRST_IN_MAT
     if not in_mat and path.suffix.lower() not in _formats.NUMPY_LIKE:
         return False
@@ -215,7 +244,7 @@ def _doubtful(path: Path, name: str, shape: tuple[int, ...]) -> bool:
 
 
 def _in_views(path: Path, name: str, array: np.ndarray, views: int | None) -> np.ndarray:
-    """(V * B, H, W) -> (V, B, H, W)."""
+    """Reshape planes (V * B, H, W) to (V, B, H, W)."""
     views = None if views is None else whole("views", views, 1)
     if array.ndim == 4 and views in (None, len(array)):
         return array

@@ -1,4 +1,4 @@
-"""Coding masks: make them, and say in plain words how well they code."""
+"""Coding masks: generation, and a report on how well they code."""
 
 from __future__ import annotations
 
@@ -10,10 +10,8 @@ import numpy as np
 from pnp_sci.errors import InputError
 from pnp_sci.sensing.operator import as_masks
 
-_SEPARABLE_FROM = (
-    0.01  # smallest eigenvalue of the views' Gram matrix: below, noise grows more than 1/sqrt(0.01) = 10 x
-)
-_CORRELATED_FROM = 0.5  # half of one mask's pattern is in the other: worth a sentence
+_SEPARABLE_FROM = 0.01  # smallest eigenvalue of the views' matrix of cosines: below it, noise grows more than tenfold
+_CORRELATED_FROM = 0.5  # smallest correlation that a warning reports
 
 
 def random_masks(shape: tuple[int, int, int, int], density: float = 0.5, seed: int = 0) -> np.ndarray:
@@ -34,7 +32,7 @@ def random_masks(shape: tuple[int, int, int, int], density: float = 0.5, seed: i
     Raises
     ------
     InputError
-        If `shape` or `density` cannot be.
+        If `shape` or `density` is out of its range.
 
     Examples
     --------
@@ -52,11 +50,11 @@ def moving_masks(
     view_shift: tuple[int, int] = (15, -18),
     seed: int = 0,
 ) -> np.ndarray:
-    """One random binary pattern moved before the camera, as a mask on a translation stage makes it.
+    """Masks from one random binary pattern that moves, such as a mask on a translation stage.
 
-    The mask of view v and frame b is the pattern moved by ``b * step + v * view_shift``. The pattern is larger than the
-    frame, so that new elements come in where others leave. The defaults are the movement of the dual-view benchmark's
-    masks (Lu et al., OFaNet).
+    The mask of view v and frame b is the pattern shifted by ``b * step + v * view_shift``. The pattern is larger than
+    the frame, so new elements enter at the edges. The default shifts are those of the dual-view benchmark (Lu et al.,
+    OFaNet).
 
     Parameters
     ----------
@@ -65,7 +63,7 @@ def moving_masks(
     density : float
         Probability that an element is open, in [0, 1].
     step, view_shift : tuple of int
-        Movement in (rows, columns) from one frame, or one view, to the next.
+        Shift in pixels, (rows, columns), from one frame or one view to the next.
     seed : int
 
     Returns
@@ -75,7 +73,7 @@ def moving_masks(
     Raises
     ------
     InputError
-        If `shape` or `density` cannot be.
+        If `shape` or `density` is out of its range.
 
     Examples
     --------
@@ -97,33 +95,34 @@ def moving_masks(
 
 @dataclass(frozen=True)
 class MaskCondition:
-    """How well masks code, as measured by :func:`condition`. ``str()`` of it is a report.
+    """Properties of masks, measured by :func:`condition`; ``str()`` of it is a report.
 
     Attributes
     ----------
     shape : tuple
         (V, B, H, W)
     dtype : str
-        As the masks came.
+        Type of the given masks.
     levels : int
         Number of distinct values; 2 for binary masks.
     minimum, maximum : float
         Range of the values.
     density : float
-        Mean value over the largest magnitude: the fraction of the light that passes.
+        Mean value divided by the largest magnitude: the fraction of transmitted light.
     closed : tuple of float
-        For each view, the fraction of pixels that all its masks keep dark (the values there are all 0).
+        For each view, the fraction of pixels whose masks are 0 in all frames.
     closed_in_all : float
-        The fraction of pixels dark in all views: the measurement says nothing there.
+        Fraction of pixels whose masks are 0 in all frames of all views; nothing is measured there.
     gram_min, gram_max : float
         Range over pixels of ``sum(masks**2)``, the diagonal of Phi Phi^T.
     view_correlation : float
-        Largest magnitude of the correlation between the mask stacks of two views, each less its mean; 0 for one view.
+        Largest magnitude of the correlation between the mask stacks of two views; 0 for one view.
     frame_correlation : float
-        The same between two frames of one view; 1 where two frames have the same mask, 0 for one frame.
+        Largest magnitude of the correlation between two frames of a view; 1 if two frames have the same mask, 0 for one
+        frame.
     separable : bool
-        Whether the views can be told apart: whether no view is dark, or near a combination of the others (smallest
-        eigenvalue of the matrix of cosines between their mask stacks at least 0.01, a tenfold growth of noise).
+        Whether the smallest eigenvalue of the matrix of cosines between the views' mask stacks is at least 0.01. Below
+        it, a view is closed or nearly a linear combination of the others, and noise grows more than tenfold.
     """
 
     shape: tuple[int, int, int, int]
@@ -142,7 +141,7 @@ class MaskCondition:
 
     @property
     def warnings(self) -> tuple[str, ...]:
-        """What may go wrong with these masks, a sentence each; empty if nothing."""
+        """Problems of these masks, one sentence each; empty if there are none."""
         concerns = {
             f"{self.closed_in_all:.1%} of the pixels are closed in all views: there nothing is measured.": (
                 self.closed_in_all > 0
@@ -189,10 +188,14 @@ def condition(masks: Any) -> MaskCondition:
     masks : array_like, (V, B, H, W) or (B, H, W)
         Any finite real values.
 
+    Returns
+    -------
+    MaskCondition
+
     Raises
     ------
     InputError, InputTypeError
-        If masks are not (V, B, H, W) finite real numbers.
+        If masks are not finite real numbers (V, B, H, W).
 
     Examples
     --------
@@ -224,9 +227,9 @@ def condition(masks: Any) -> MaskCondition:
 
 
 def views_are_separable(masks: np.ndarray) -> bool:
-    """Whether no view is dark or near a combination of the others, see :attr:`MaskCondition.separable`.
+    """Whether the views of masks (V, B, H, W) can be separated, see :attr:`MaskCondition.separable`.
 
-    Takes the masks frame by frame, so that it needs little memory beside them.
+    It processes one frame after the other, to save memory.
     """
     largest = max(-float(masks.min()), float(masks.max())) or 1.0
     frames = ((frame / largest).reshape(len(masks), -1).astype(np.float64) for frame in masks.swapaxes(0, 1))
@@ -235,13 +238,13 @@ def views_are_separable(masks: np.ndarray) -> bool:
 
 
 def _correlations(stacks: np.ndarray) -> np.ndarray:
-    """Cosines between the entries of the first axis, (n, n); rows of entries that are all but 0 are 0."""
+    """Cosines (n, n) between the entries of the first axis; 0 for entries of negligible norm."""
     flat = stacks.reshape(len(stacks), -1)
     return _cosines(flat @ flat.T, flat.shape[1])
 
 
 def _cosines(products: np.ndarray, values: int) -> np.ndarray:
-    """Inner products of vectors of so many values, at most 1, over their lengths; 0 for those all but 0."""
+    """Cosines from inner `products` (n, n) of vectors of `values` values of at most 1; 0 for negligible norms."""
     norms = np.sqrt(np.diagonal(products))
     norms = np.where(norms > 1e-12 * values**0.5, norms, np.inf)
     return products / norms[:, None] / norms

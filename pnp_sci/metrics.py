@@ -1,4 +1,4 @@
-"""PSNR and SSIM as the field reports them: peak 1, mean over the frames of a view, one value per view."""
+"""PSNR and SSIM with peak 1: mean over the frames of a view, one value per view."""
 
 from __future__ import annotations
 
@@ -9,11 +9,11 @@ import numpy as np
 
 from pnp_sci.errors import InputError, InputTypeError
 
-_SSIM_WINDOW = 11  # pixels: a Gaussian of standard deviation 1.5 cut at 3.5 standard deviations
+_SSIM_WINDOW = 11  # pixels: width of a Gaussian of standard deviation 1.5, truncated at 3.5 standard deviations
 
 
 def psnr(x: Any, reference: Any) -> Any:
-    """Peak signal-to-noise ratio in dB, peak 1: the mean over frames of each frame's value.
+    """Peak signal-to-noise ratio in dB, peak 1, mean over the frames of a view.
 
     Parameters
     ----------
@@ -30,7 +30,7 @@ def psnr(x: Any, reference: Any) -> Any:
     Raises
     ------
     InputError, InputTypeError
-        If the shapes differ or `reference` leaves [0, 1].
+        If the shapes differ, values are not real, or `reference` has values outside [0, 1].
 
     Examples
     --------
@@ -42,7 +42,7 @@ def psnr(x: Any, reference: Any) -> Any:
 
 
 def ssim(x: Any, reference: Any) -> Any:
-    """Structural similarity, Gaussian window of standard deviation 1.5, range 1: the mean over frames.
+    """Structural similarity, Gaussian window of standard deviation 1.5, range 1, mean over the frames of a view.
 
     Parameters
     ----------
@@ -55,12 +55,12 @@ def ssim(x: Any, reference: Any) -> Any:
     -------
     ndarray of float64, (V,), or float
         One value per view; a float for a single video or picture. NaN for frames with a side below 11 pixels, the
-        window's.
+        width of the window.
 
     Raises
     ------
     InputError, InputTypeError
-        If the shapes differ or `reference` leaves [0, 1].
+        If the shapes differ, values are not real, or `reference` has values outside [0, 1].
 
     References
     ----------

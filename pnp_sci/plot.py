@@ -1,12 +1,18 @@
-"""Figures of videos and of the course of a run. They are made without pyplot: nothing global changes."""
+"""Figures of videos and of the course of a run; notebooks show them.
+
+They are made without pyplot: nothing global changes. They need the extra ``plot``.
+"""
 
 from __future__ import annotations
 
 from collections.abc import Sequence
+from functools import cache
+from io import BytesIO
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from pnp_sci._optional import needed_for
 from pnp_sci.errors import InputError
 
 if TYPE_CHECKING:
@@ -42,8 +48,6 @@ def plot_video(
     >>> len(figure.axes)
     4
     """
-    from matplotlib.figure import Figure
-
     x = _films("x", x)
     rows = [("", x)]
     if reference is not None:
@@ -51,18 +55,16 @@ def plot_video(
         if rows[1][1].shape != x.shape:
             raise InputError(f"reference has shape {np.shape(reference)}, but x {x.shape}: the same was expected")
     views, count = x.shape[:2]
-    chosen = np.linspace(0, count - 1, min(count, _SHOWN)).round().astype(int) if frames is None else np.array(frames)
-    if chosen.size == 0 or chosen.min() < 0 or chosen.max() >= count:
-        raise InputError(f"frames is {chosen.tolist()}: whole numbers from 0 to {count - 1} were expected")
+    chosen = _chosen(frames, count, _SHOWN)
     white = float(rows[-1][1].max()) if white is None else white
     height = _PANEL * x.shape[2] / x.shape[3]
-    figure = Figure(figsize=(_PANEL * len(chosen), height * views * len(rows) + 0.3), layout="constrained")
+    size = _PANEL * len(chosen), height * views * len(rows) + 0.3
+    figure = _figure()(figsize=size, layout="constrained")
     axes: Any = figure.subplots(views * len(rows), len(chosen), squeeze=False)
     for row, column in np.ndindex(axes.shape):
         view, (kind, films) = row // len(rows), rows[row % len(rows)]
         axis = axes[row, column]
-        axis.imshow(films[view, chosen[column]], cmap="gray", vmin=0, vmax=white)
-        axis.set(xticks=[], yticks=[])
+        _show(axis, films[view, chosen[column]], white)
         if row == 0:
             axis.set_title(f"frame {chosen[column] + 1}", fontsize=8)
         if column == 0:
@@ -70,13 +72,64 @@ def plot_video(
     return figure
 
 
+def plot_recovery(
+    y: Any, x: Any, reference: Any, frames: Sequence[int] | None = None, captions: Sequence[str] = ()
+) -> Figure:
+    """A measurement, the videos recovered from it, and the truth, side by side; a row for each view.
+
+    Parameters
+    ----------
+    y : array_like, (H, W)
+        Shown from 0 to its largest value.
+    x, reference : array_like, (V, B, H, W)
+        White is the largest value of `reference`.
+    frames : sequence of int, optional
+        Which to show, counted from 0. Default: the first and the last one.
+    captions : sequence of str, optional
+        A text for each view, such as its PSNR.
+
+    Raises
+    ------
+    InputError
+        If the shapes do not fit, or a frame is not there.
+
+    Examples
+    --------
+    >>> video = np.ones((2, 10, 8, 8))
+    >>> figure = plot_recovery(video.sum((0, 1)), video, video, captions=["38 dB", "37 dB"])
+    >>> len(figure.axes)
+    9
+    """
+    y, x, truth = np.asarray(y), _films("x", x), _films("reference", reference)
+    if truth.shape != x.shape or y.shape != x.shape[2:]:
+        raise InputError(
+            f"x has shape {x.shape}, reference {truth.shape}, y {y.shape}: (V, B, H, W) twice and (H, W) were expected"
+        )
+    views, count, rows, columns = x.shape
+    chosen = _chosen(frames, count, 2)
+    size = _PANEL * (views + 2 * len(chosen)), _PANEL * rows / columns * views + 0.3
+    figure = _figure()(figsize=size, layout="constrained")
+    grid = figure.add_gridspec(views, views + 2 * len(chosen))
+    axis = figure.add_subplot(grid[:, :views])
+    _show(axis, y, float(y.max()))
+    axis.set_title(f"measurement of {views} x {count} frames", fontsize=8)
+    panels = [(name, films, frame) for frame in chosen for name, films in (("result", x), ("truth", truth))]
+    for view, column in np.ndindex(views, len(panels)):
+        name, films, frame = panels[column]
+        axis = figure.add_subplot(grid[view, views + column])
+        _show(axis, films[view, frame], float(truth.max()))
+        if view == 0:
+            axis.set_title(f"{name}, frame {frame + 1}", fontsize=8)
+        if column == 0:
+            axis.set_ylabel(", ".join([f"view {view + 1}", *captions[view : view + 1]]), fontsize=8)
+    return figure
+
+
 def plot_history(result: Any) -> Figure:
     """Residual, noise level and, where a reference was given, PSNR over the iterations; a line per measurement."""
-    from matplotlib.figure import Figure
-
     table = {name: result.history[name] for name in ("measurement", "iteration", "residual", "sigma", "psnr")}
     curves = ["residual", "sigma"] + ["psnr"] * bool(np.isfinite(table["psnr"]).any())
-    figure = Figure(figsize=(3.4 * len(curves), 2.6), layout="constrained")
+    figure = _figure()(figsize=(3.4 * len(curves), 2.6), layout="constrained")
     axes: Any = figure.subplots(1, len(curves))
     for axis, name in zip(axes, curves):
         for measurement in np.unique(table["measurement"]):
@@ -86,6 +139,34 @@ def plot_history(result: Any) -> Figure:
             axis.set_yscale("log")
         axis.set(xlabel="iteration", ylabel="PSNR (dB)" if name == "psnr" else name)
     return figure
+
+
+@cache
+def _figure() -> type[Figure]:
+    """The figures of matplotlib, with a picture of themselves for notebooks."""
+    with needed_for("a figure", "plot"):
+        from matplotlib.figure import Figure
+
+    class ShownFigure(Figure):
+        def _repr_png_(self) -> bytes:
+            file = BytesIO()
+            self.savefig(file, format="png")
+            return file.getvalue()
+
+    return ShownFigure
+
+
+def _chosen(frames: Sequence[int] | None, count: int, most: int) -> np.ndarray:
+    """The frames to show of so many, by default at most `most` of them."""
+    chosen = np.linspace(0, count - 1, min(count, most)).round().astype(int) if frames is None else np.array(frames)
+    if chosen.size == 0 or chosen.min() < 0 or chosen.max() >= count:
+        raise InputError(f"frames is {chosen.tolist()}: whole numbers from 0 to {count - 1} were expected")
+    return chosen
+
+
+def _show(axis: Any, picture: np.ndarray, white: float) -> None:
+    axis.imshow(picture, cmap="gray", vmin=0, vmax=white)
+    axis.set(xticks=[], yticks=[])
 
 
 def _films(name: str, array: Any) -> np.ndarray:

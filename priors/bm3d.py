@@ -7,23 +7,27 @@ from typing import Any
 
 import numpy as np
 
+from pnp_sci._tuned import Tuned
 from pnp_sci._validate import whole
 from pnp_sci.plugins.protocols import Prior, Session, Traits
 from priors.kernels import bm3d as kernels
 from priors.tv import TV
 
-FIRST = 30  # calls of TV alone: groups made of an estimate that shows little keep what is wrong with it
 THRESHOLD = 2.7  # standard deviations, as Dabov et al. have it
-# Of sigma, in a filter whose signal is what it returned before: called again and again with one v it drops what is
-# below 2 strength sigma. On still clips of the validation 1.8 gains 0.3 dB in the place of 1 (two views) and 2 dB
-# (four), with noise of 0.01 to 0.05 of max(y) 0.8 to 1.6 dB; one view without noise, 47 dB with either, loses up to 1.
-STRENGTH = 1.8
-# Calls for which groups serve: on clips of the validation as good as 4 and 8 in moving scenes, and in still ones of two
-# views; still ones of one view, near 49 dB, have 0.8 and 0.2 dB less.
-RENEW = 15
 FAINT = 1e-6  # sigma below which nothing is left to do
 LEAST, NOTHING = 1e-3, 1e-15  # least sigma of a group, in that of the noisiest one of its frame, and at all
 MIDDLE = slice(kernels.SIDE // 2, 1 - kernels.SIDE // 2, kernels.STEP)  # pixels in the middle of patches
+
+
+@dataclass(frozen=True)
+class BM3DNumbers(Tuned):
+    """How often patches are grouped, and how strongly the groups are filtered."""
+
+    strength: float = 1.8  # noise that the filter is told from its second call on, in units of sigma
+    renew: int = 15  # calls for which groups of patches serve
+
+
+TUNED = BM3DNumbers()
 
 
 @dataclass(frozen=True)
@@ -60,7 +64,7 @@ class BM3D(Prior):
     True
     """
 
-    first: int = FIRST
+    first: int = 30
 
     def __post_init__(self):
         whole("first", self.first, 0)
@@ -99,10 +103,10 @@ class BM3DSession(Session):
         level = sigma
         if np.ndim(sigma):
             level = np.pad(np.reshape(sigma, (-1, rows, columns)), margins, mode="edge")[:, MIDDLE, MIDDLE]
-        strength = STRENGTH if self.calls else 1
+        strength = TUNED.strength if self.calls else 1
         if not self.calls:
             self.signal = filtered(frames, level, groups(frames))
-        if self.calls % RENEW == 0:
+        if self.calls % TUNED.renew == 0:
             self.groups = groups(self.signal)
         self.calls += 1
         self.signal = filtered(frames, strength * level, self.groups, self.signal)

@@ -7,13 +7,22 @@ from pathlib import Path
 
 import numpy as np
 
+from pnp_sci._tuned import Tuned
 from pnp_sci.plugins.combine import Joint
 from pnp_sci.plugins.protocols import Prior, Session, Traits
 from priors.flow import Flow
 from priors.motion.measure import may_show_motion
-from priors.video import FIRST, Video
+from priors.video import Video
 
-SHARES = 0.3, 0.7  # weights of flow and video in the mean
+
+@dataclass(frozen=True)
+class BothNumbers(Tuned):
+    """Weights of the two."""
+
+    flow: float = 0.3  # weight of flow in the mean; the rest is that of video
+
+
+TUNED = BothNumbers()
 
 
 @dataclass(frozen=True)
@@ -44,7 +53,7 @@ class Both(Prior):
 
     weights: str | Path | None = None
     device: str | None = None
-    first: int = FIRST
+    first: int = 60
 
     def __post_init__(self):
         self._serving((1, 1, 1, 1))  # which checks the fields
@@ -59,4 +68,4 @@ class Both(Prior):
 
     def _serving(self, shape: tuple[int, ...]) -> Prior:
         video = Video(self.weights, self.device, self.first)
-        return Joint([Flow(first=self.first), video], SHARES) if may_show_motion(shape) else video
+        return Joint([Flow(first=self.first), video], (TUNED.flow, 1 - TUNED.flow)) if may_show_motion(shape) else video

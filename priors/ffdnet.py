@@ -7,15 +7,23 @@ from pathlib import Path
 
 import numpy as np
 
+from pnp_sci._tuned import Tuned
 from pnp_sci._validate import whole
 from pnp_sci.plugins.protocols import Prior, Session, Traits
 from priors.networks.image import ImageNet
 from priors.session import NetworkSession
 from priors.tv import TV
 
-FIRST = 30  # calls of TV before the network sees anything
-STRONGER = 1.5  # sigma that the network is told, in units of the solver's
-BESIDE = 0.4  # strength of TV before the network
+
+@dataclass(frozen=True)
+class FFDNetNumbers(Tuned):
+    """What the network is told, and what serves beside it."""
+
+    stronger: float = 1.5  # sigma that the network is told, in units of the solver's
+    beside: float = 0.4  # strength of TV before the network
+
+
+TUNED = FFDNetNumbers()
 
 
 @dataclass(frozen=True)
@@ -54,7 +62,7 @@ class FFDNet(Prior):
 
     weights: str | Path | None = None
     device: str | None = None
-    first: int = FIRST
+    first: int = 30
 
     def __post_init__(self):
         whole("first", self.first, 0)
@@ -65,5 +73,5 @@ class FFDNet(Prior):
 
     def begin(self, shape: tuple[int, ...], dtype: np.dtype) -> Session:
         """A session with the network loaded."""
-        beside = TV(BESIDE, still=False).begin(shape, dtype)
-        return NetworkSession(ImageNet(self.weights, self.device), beside, STRONGER, self.first)
+        beside = TV(TUNED.beside, still=False).begin(shape, dtype)
+        return NetworkSession(ImageNet(self.weights, self.device), beside, TUNED.stronger, self.first)

@@ -8,6 +8,7 @@ from typing import Any
 
 import numpy as np
 
+from pnp_sci._tuned import Tuned
 from pnp_sci._validate import whole
 from pnp_sci.errors import InputError
 from pnp_sci.plugins.protocols import Prior, Session, Traits
@@ -15,27 +16,23 @@ from priors.bm3d import BM3D, BM3DSession
 from priors.motion.measure import Motion, finished, may_show_motion, measure
 from priors.tv import TV
 
-# Calls of TV alone, cheap beside the others. On validation clips, 128 x 128, and with 30 calls after them, 60 gain 0.1
-# and 0.4 dB in the place of 30 with two views of 10 and 14 frames, with noise of 0.02 0.2 dB, with more noise or one
-# view nothing.
-FIRST = 60
-# Frames either side that help a frame, and the difference, in units of sigma, at which one of them counts 1/e. On 16
-# cases of validation clips of 256 x 256 pixels 3 and 2.6 gain 0.3 dB (two views of 10 frames, and one of 8) over 2 and
-# 3.0, of which 3 neighbours are two thirds; on crops of 128 x 128 they gain nothing. 4 are no better than 3.
-NEIGHBOURS, TOLERANCE = 3, 2.6
-# Standard deviation along time, in units of sigma, at which a pixel counts 1/e as still, and the largest: where noise
-# has raised sigma, TV hides what moves slowly, and without that bound moving clips lose 0.3 dB with noise of 0.1.
-REST, REST_MOST = 0.8, 0.04
-RENEW = 4  # calls between two estimates of the flow
-# Strength of TV beside the averages, which take off noise themselves. On 18 cases of validation clips 0.25 gains 0.05
-# dB over 0.5, with 6 and 14 frames 0.1, and loses 0.04 with noise of 0.03.
-STRENGTH = 0.25
-LOUD = 0.35  # sigma above which noise hides the motion: on validation clips better than TV at 0.26, worse at 0.45
-# Noise that BM3D is told, in units of what the averages leave of sigma. On 17 cases of validation clips, 128 x 128, in
-# the place of one sigma everywhere it gains 0.3 dB (two views of 6 and 10 frames), 0.15 (14) and 0.5 (one of 8), and
-# nothing with noise of 0.03; on none it loses. 1.3 is as good with one view, 0.2 dB worse with two.
-GRAIN = np.float32(1.6)
 FAINT = 1e-4  # of the range of x: smaller differences than that are not worth an average
+
+
+@dataclass(frozen=True)
+class FlowNumbers(Tuned):
+    """Averages along motion, in units of the solver's sigma where nothing else is said."""
+
+    rest: float = 0.8  # standard deviation along time at which a pixel counts 1/e as still
+    rest_most: float = 0.04  # its largest value, where x spans [0, 1]
+    renew: int = 4  # calls between two estimates of the flow
+    strength: float = 0.25  # strength of TV beside the averages
+    inner: int = 3  # dual steps of that TV
+    loud: float = 0.35  # sigma above which noise hides the motion, where x spans [0, 1]
+    grain: float = 1.6  # noise that BM3D is told, in units of what the averages leave
+
+
+TUNED = FlowNumbers()
 
 
 @dataclass(frozen=True)
@@ -84,10 +81,10 @@ class Flow(Prior):
     (1, 3, 32, 32)
     """
 
-    neighbours: int = NEIGHBOURS
-    tolerance: float = TOLERANCE
+    neighbours: int = 3
+    tolerance: float = 2.6
     drift: float = 1.5
-    first: int = FIRST
+    first: int = 60
     still: bool = True
 
     def __post_init__(self):
@@ -100,7 +97,7 @@ class Flow(Prior):
     def traits(self, shape: tuple[int, ...]) -> Traits:
         """Strong after total variation; estimates change with the motion and the groups."""
         average = shape[1] == 1 or may_show_motion(shape)
-        return Traits(strong=True, warmup=(TV(still=self.still), self.first), serves_below=LOUD, average=average)
+        return Traits(strong=True, warmup=(TV(still=self.still), self.first), serves_below=TUNED.loud, average=average)
 
     def begin(self, shape: tuple[int, ...], dtype: np.dtype) -> Session:
         """A session without motion; of BM3D for single frames, of total variation for small ones."""
@@ -116,7 +113,7 @@ class FlowSession(Session):
 
     def __init__(self, prior: Flow, shape: tuple[int, ...], dtype: np.dtype):
         self.prior, self.calls = prior, 0
-        self.frames, self.patches = TV(STRENGTH, time=0, inner=3).begin(shape, dtype), BM3DSession()
+        self.frames, self.patches = TV(TUNED.strength, time=0, inner=TUNED.inner).begin(shape, dtype), BM3DSession()
         self.motion: list[Motion] = []
         self.still: list[float] = []
         self.left = np.empty(0, np.float32)  # of each pixel, what BM3D is told, in units of sigma
@@ -131,12 +128,12 @@ class FlowSession(Session):
 
     def _averaged(self, v: np.ndarray, sigma: float) -> np.ndarray:
         """Each frame of v (V, B, H, W) averaged with its neighbours along their motion."""
-        if self.calls % RENEW == 1 or not self.motion:
+        if self.calls % TUNED.renew == 1 or not self.motion:
             seeing = self.prior.neighbours, self.prior.tolerance * sigma, self.prior.drift, self._rest(sigma)
             before = self.motion or [None] * len(v)
             self.motion = [measure(view, *seeing, motion) for view, motion in zip(v, before)]
             self.still = [seen.at_rest for seen in self.motion]
-            self.left = np.stack([GRAIN * seen.remaining for seen in self.motion])
+            self.left = np.float32(TUNED.grain) * np.stack([seen.remaining for seen in self.motion])
         out = np.empty_like(v)
         for view, seen, averaged in zip(v, self.motion, out):
             seen.average(view, averaged)
@@ -155,4 +152,4 @@ class FlowSession(Session):
 
     def _rest(self, sigma: float) -> float:
         """Standard deviation along time at which a pixel counts 1/e as still; 0 where none may."""
-        return min(REST * sigma, REST_MOST) if self.prior.still else 0.0
+        return min(TUNED.rest * sigma, TUNED.rest_most) if self.prior.still else 0.0

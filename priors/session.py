@@ -3,16 +3,26 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
+from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
 
+from pnp_sci._tuned import Tuned
 from pnp_sci.plugins.protocols import Session
 from priors.networks.along_motion import VideoNet
 from priors.networks.image import ImageNet
 
-MOST = 0.25  # largest sigma that a network is told, near the largest that it has learned
-DEMAND = 2.8  # root mean square, in sigmas, of what may be new in a view of the input
+
+@dataclass(frozen=True)
+class SessionNumbers(Tuned):
+    """Bounds on what a network is given."""
+
+    most: float = 0.25  # largest sigma that a network is told, near the largest that it has learned
+    demand: float = 2.8  # root mean square, in sigmas, of what may be new in a view of the input
+
+
+TUNED = SessionNumbers()
 
 
 class NetworkSession(Session):
@@ -42,11 +52,11 @@ class NetworkSession(Session):
         if sigma == 0:
             return v
         if self.last is not None:
-            v = within(DEMAND * sigma, v, self.last)
+            v = within(TUNED.demand * sigma, v, self.last)
         told = self.stronger * sigma
-        v = self.beside(v, max(1.0, told / MOST) * sigma)
+        v = self.beside(v, max(1.0, told / TUNED.most) * sigma)
         self.turn += 1
-        self.last = self.net(v, min(told, MOST), self.turn)
+        self.last = self.net(v, min(told, TUNED.most), self.turn)
         return self.last
 
     def finish(self, x: np.ndarray, sigma: float) -> np.ndarray:

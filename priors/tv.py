@@ -9,35 +9,40 @@ from typing import Any, Literal
 
 import numpy as np
 
+from pnp_sci._tuned import Tuned
 from pnp_sci.errors import InputError
 from pnp_sci.plugins.protocols import Prior, Session
 
-# Length of a dual step, 1 being Chambolle's. Measured in the solver with one step a call: 1.3 is still stable, 1.5 is
-# not; primal-dual methods of fixed weights converge below 4/3, and TV alone below 2.
-STEP = 1.25
-STEPS_PER_WEIGHT = 20  # a dual step moves p by about a gradient over 8 times the weight: with more weight more are due
-MOST_STEPS = 4
+STEP = 1.25  # length of a dual step, 1 being Chambolle's; primal-dual methods of fixed weights converge below 4/3
 NOTHING = 1e-12  # a weight that changes no digit of values about 1, and whose inverse would overflow further down
 ALL = 1e6  # a weight that leaves nothing of values about 1; with more the steps would be too small for fixed point
-# Largest weight, times 1 + time**2 / 2, for a dual variable in 16 bits: its steps end where gradients are about 1e-4 of
-# this. Measured in the solver: largest error 4e-4 at 0.5, 2e-5 at the usual 0.05.
-COARSE = 0.5
+COARSE = 0.5  # largest weight, times 1 + time**2 / 2, for a dual variable of 16 bits
 ONE = {np.int16: 2**15 - 1, np.int32: 2**30}  # what stands for 1 in the dual variable
-SETTLE = 40  # calls after which the estimate shows what moves
-TRUSTED = 0.06  # largest sigma at which changes along time are taken for motion; with more they are mostly noise
-AROUND = 15  # pixels a side, averaged twice: about a Gaussian of 6
-TIME_BEFORE = 0.1  # weight along time until then: the best single value for moving clips and the benchmark alike
-# ... and from then on where noise hides what moves: on validation clips and three pairs of the benchmark 0.1 dB better
-# than 0.1 with noise of 0.03 to 0.1 of max(y), at worst 0.2 dB worse; with more noise it gains nothing
-TIME_NOISY, LOUD = 0.15, 0.25
-# Standard deviation along time at which a pixel counts 1/e as still, in units of the weight, for each frame of all
-# views: the fewer share y, the less do estimates change by mistake. Frames beyond which it grows no more, its largest
-# value, and calls between two looks. On 18 videos (11 of the validation, 7 of the training), some of cameras that stand
-# still, two views of 10 frames gain 0.2 dB in the mean, up to 0.7, and lose 0.03 at worst; half as much again gains 0.3
-# and loses 0.2. Two views of 6 gain 0.1; one of 8 gains 0.02 and loses 0.02 at worst, with as much as 20 frames have
-# 0.5. Without a bound moving ones lose up to 0.7 dB with noise of 0.1 of max(y).
-# (All before dark pixels had lower limits.)
-REST, REST_FRAMES, REST_MOST, LOOK = 0.02, 20, 0.03, 20
+
+
+@dataclass(frozen=True)
+class TVNumbers(Tuned):
+    """Dual steps of a call, weights along time, and which pixels stand still; sigma where x spans [0, 1]."""
+
+    steps_per_weight: int = 20  # dual steps of a call, per unit of weight
+    most_steps: int = 4  # dual steps of a call at most
+    settle: int = 40  # calls after which the estimate shows what moves
+    trusted: float = 0.06  # largest sigma at which changes along time count as motion
+    around: int = 15  # pixels a side of the two box filters over space and change
+    time_before: float = 0.1  # weight along time until the estimate has settled
+    time_noisy: float = 0.15  # ... and after that where sigma is above `trusted`
+    loud: float = 0.25  # sigma above which nothing is taken from the estimate
+    time: float = 0.4  # weight along time where gradients in space and changes along time are alike
+    power: int = 3  # power of their ratio
+    time_least: float = 0.005  # smallest weight along time
+    time_most: float = 0.7  # largest weight along time
+    rest: float = 0.02  # standard deviation along time at which a pixel counts 1/e as still, per weight and frame
+    rest_frames: int = 20  # frames of all views beyond which that grows no more
+    rest_most: float = 0.03  # its largest value
+    look: int = 20  # calls between two looks at what stands still
+
+
+TUNED = TVNumbers()
 
 
 @dataclass(frozen=True)
@@ -117,7 +122,7 @@ class TVSession(Session):
         before_first = (columns, 1, rows * columns)
         sizes = [(int(np.prod(shape)) + n) * used for n, used in zip(before_first, (True, True, along_time))]
         self.dual = [np.zeros(size, np.int16) for size in sizes]
-        constant = TIME_BEFORE if prior.time == "auto" else prior.time
+        constant = TUNED.time_before if prior.time == "auto" else prior.time
         self.weights = np.full((views, rows, columns), constant if along_time else 0, dtype)
         self.still: list[np.ndarray] = []  # of each view, how surely a pixel shows the same in all frames (H, W)
 
@@ -137,10 +142,10 @@ class TVSession(Session):
         units = (v.dtype.type(a) for a in (weight / one, STEP * one / (8 * steepness * weight), one))
         steps = self.prior.inner
         if steps == "auto":
-            steps = min(max(round(STEPS_PER_WEIGHT * weight), 1), MOST_STEPS)
+            steps = min(max(round(TUNED.steps_per_weight * weight), 1), TUNED.most_steps)
         denoise(out, int(steps), *units, self.prior.isotropic, self.weights, tuple(self.dual))
         self.calls += 1
-        if self.prior.time == "auto" and v.shape[1] > 1 and sigma <= LOUD:
+        if self.prior.time == "auto" and v.shape[1] > 1 and sigma <= TUNED.loud:
             self._look(out, sigma, weight)
             for view, still in zip(out, self.still):
                 tie(view, still, view)
@@ -152,13 +157,13 @@ class TVSession(Session):
 
     def _look(self, x: np.ndarray, sigma: float, weight: float) -> None:
         """What the estimate x shows of motion, once it has settled: weights along time, and which pixels are still."""
-        if self.calls == SETTLE:
-            if sigma <= TRUSTED:
+        if self.calls == TUNED.settle:
+            if sigma <= TUNED.trusted:
                 self.weights = np.stack([time_weights(view) for view in x])
             else:
-                self.weights[:] = TIME_NOISY
-        if self.prior.still and self.calls >= SETTLE and (self.calls - SETTLE) % LOOK == 0:
-            rest = float(min(REST * min(x.shape[0] * x.shape[1], REST_FRAMES) * weight, REST_MOST))
+                self.weights[:] = TUNED.time_noisy
+        if self.prior.still and self.calls >= TUNED.settle and (self.calls - TUNED.settle) % TUNED.look == 0:
+            rest = float(min(TUNED.rest * min(x.shape[0] * x.shape[1], TUNED.rest_frames) * weight, TUNED.rest_most))
             self.still = [at_rest(view, rest) for view in x]
 
     def _unit(self, kind: type[np.int16 | np.int32]) -> int:
@@ -173,8 +178,7 @@ def time_weights(view: np.ndarray) -> np.ndarray:
     """Weight along time for each pixel of a view (B, H, W), from the estimate itself.
 
     ``0.4 * (|gradient in space| / |change along time|)**3``, both averaged over time and over some ten pixels around,
-    within [0.005, 0.7]. The rule is one for all scenes; its constants come from a coarse grid over 14 clips of the
-    training set and three pairs of the benchmark, both of which were looked at.
+    within [0.005, 0.7].
     """
     from scipy.ndimage import uniform_filter
 
@@ -183,8 +187,9 @@ def time_weights(view: np.ndarray) -> np.ndarray:
     space, change = np.zeros_like(view[0]), np.zeros_like(view[0])
     activity(view, space, change)
     for _ in range(2):
-        space, change = (uniform_filter(a, AROUND, mode="nearest") for a in (space, change))
-    return np.clip(0.4 * ((space + 1e-4) / (change + 1e-4)) ** 3, 0.005, 0.7)
+        space, change = (uniform_filter(a, TUNED.around, mode="nearest") for a in (space, change))
+    ratio = (space + 1e-4) / (change + 1e-4)
+    return np.clip(TUNED.time * ratio**TUNED.power, TUNED.time_least, TUNED.time_most)
 
 
 def at_rest(view: np.ndarray, rest: float) -> np.ndarray:

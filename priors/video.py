@@ -7,6 +7,7 @@ from pathlib import Path
 
 import numpy as np
 
+from pnp_sci._tuned import Tuned
 from pnp_sci._validate import whole
 from pnp_sci.plugins.protocols import Prior, Session, Traits
 from priors.ffdnet import FFDNet
@@ -15,10 +16,17 @@ from priors.networks.along_motion import VideoNet
 from priors.session import NetworkSession
 from priors.tv import TV
 
-FIRST = 60  # calls of TV before the network sees anything
-STRONGER = 2.3  # sigma that the network is told, in units of the solver's: averages have removed a part
-BESIDE = 0.3  # strength of TV before the network
-RENEW = 5  # calls between two measurements of the motion, each of which takes as long as three calls
+
+@dataclass(frozen=True)
+class VideoNumbers(Tuned):
+    """What the network is told, what serves beside it, and how often the motion is measured."""
+
+    stronger: float = 2.3  # sigma that the network is told, in units of the solver's: averages remove a part
+    beside: float = 0.3  # strength of TV before the network
+    renew: int = 5  # calls between two measurements of the motion, each of which takes as long as three calls
+
+
+TUNED = VideoNumbers()
 
 
 @dataclass(frozen=True)
@@ -58,7 +66,7 @@ class Video(Prior):
 
     weights: str | Path | None = None
     device: str | None = None
-    first: int = FIRST
+    first: int = 60
 
     def __post_init__(self):
         whole("first", self.first, 0)
@@ -72,5 +80,5 @@ class Video(Prior):
         """A session with the networks loaded, without motion."""
         if not may_show_motion(shape):
             return FFDNet(device=self.device, first=self.first).begin(shape, dtype)
-        net = VideoNet(self.weights, self.device, RENEW)
-        return NetworkSession(net, TV(BESIDE, time=0).begin(shape, dtype), STRONGER, self.first)
+        net = VideoNet(self.weights, self.device, TUNED.renew)
+        return NetworkSession(net, TV(TUNED.beside, time=0).begin(shape, dtype), TUNED.stronger, self.first)

@@ -147,7 +147,7 @@ def options(draw, shape):
         "time_budget": st.none() | st.sampled_from([0, 1e-9, 0.01, 5, 1e300]) | numbers,
         "scene": st.sampled_from(["auto", "full"])
         | st.builds(SceneModel, st.tuples(*[st.booleans()] * shape[0]), st.booleans()),
-        "init": st.just("adjoint") | arrays(shape) | arrays(shape).map(lambda a: lambda op, y: a),
+        "init": st.just("adjoint") | arrays(shape) | arrays(shape).map(lambda a: lambda problem, scene: a),
         "reference": arrays(shape) | st.just(np.full(shape, 0.5)),
         "seed": st.integers(-1, 2**70),
         "strength": st.sampled_from([0.5, 1e-30, 1e30, 0, -1, np.nan]),
@@ -168,8 +168,10 @@ def sound(result, y, shape):
     assert np.isfinite(result.x).all()
     assert np.isfinite(result.history["residual"]).all()
     assert repr(result)
+    assert str(result)
     json.dumps(result.settings)
-    json.dumps(result.scene)
+    assert len(result.scenes) == (len(y) if y.ndim == 3 else 1)
+    json.dumps(result.scenes)
 
 
 # where the masks are 1e-20 of the others, the estimate is 1e20, and its square too large for float32
@@ -239,7 +241,7 @@ def test_decode(data, model):
 def test_decode_refuses(problem, model):
     _, y, masks = problem
     assert clear(lambda: decode(y, masks, model)) is None
-    with pytest.raises(InputError, match="options of model"):
+    with pytest.raises(InputError, match="options of decoder"):
         decode(np.ones((8, 8)), np.ones((2, 10, 8, 8)), no_option=1)
 
 
@@ -373,7 +375,7 @@ def check_read(path, reader, **arguments):
         assert out.x.ndim in (4, 5)
         assert out.x.dtype.kind == "f"
         assert isinstance(out.settings, dict)
-        assert isinstance(out.scene, dict)
+        assert isinstance(out.scenes, list)
         assert repr(out)
         return
     assert out.size > 0

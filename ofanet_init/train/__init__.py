@@ -1,1 +1,1 @@
-"""Trainer of OFaNet: ``python -m ofanet_init.train --stage dns --data DIR --minutes 20``, then flow, refine, joint."""
+"""Trainer of OFaNet: ``python -m ofanet_init.train --stage STAGE --data DIR``; stages dns, flow, refine and joint."""

@@ -20,45 +20,54 @@ PATH = click.Path(path_type=Path)
 
 
 @click.command(context_settings={"show_default": True})
-@click.option("--stage", type=click.Choice(["dns", "flow", "refine", "joint"]), required=True, help="What is trained.")
+@click.option(
+    "--stage", type=click.Choice(["dns", "flow", "refine", "joint"]), required=True, help="Stage of training."
+)
 @click.option("--data", type=FOLDER, multiple=True, required=True, help="Folder of videos or photographs; repeatable.")
 @click.option("--views", default=2, help="Number of views V.")
 @click.option("--frames", default=10, help="Number of frames B of a view.")
 @click.option("--amplifier/--no-amplifier", default=True, help="With or without the diversity amplifier.")
-@click.option("--dual/--single", default=True, help="A branch of the separator for each view, or one for all.")
+@click.option("--dual/--single", default=True, help="A separator branch for each view, or one for all.")
 @click.option("--refine", type=click.Choice(REFINES), default="simplified", help="Which refine net.")
-@click.option("--flow", type=click.Choice(FLOWS), default="both", help="Which flows the refine net sees.")
-@click.option("--joint/--frozen", default=True, help="Whether the flow net learns where the refine net does.")
-@click.option("--passes", default=1, help="How often flow and refine net go over the video.")
-@click.option("--start", type=PATH, multiple=True, help="Weights to start from, of an earlier stage; repeatable.")
+@click.option("--flow", type=click.Choice(FLOWS), default="both", help="Flows that the refine net has as inputs.")
+@click.option("--joint/--frozen", default=True, help="Whether the flow net is trained with the refine net.")
+@click.option("--passes", default=1, help="Passes of flow and refine net over the video.")
+@click.option("--start", type=PATH, multiple=True, help="Initial weights, from an earlier stage; repeatable.")
 @click.option("--out", type=PATH, help="Folder for checkpoint and curves.  [default: runs/ofanet-STAGE]")
-@click.option("--weights", type=PATH, help="Weights to write, the card beside them.  [default: OUT/ofanet.safetensors]")
+@click.option("--weights", type=PATH, help="Weights to write, with a model card.  [default: OUT/ofanet.safetensors]")
 @click.option(
     "--minutes",
     default=90.0,
     type=click.FloatRange(min=0, min_open=True),
-    help="Budget of time spent in training; a pause does not count.",
+    help="Budget of training time in minutes, without pauses.",
 )
-@click.option("--steps", type=click.IntRange(min=1), help="Budget of steps instead.")
-@click.option("--seed", default=0, help="Seed of weights, crops, masks and noise.")
+@click.option("--steps", type=click.IntRange(min=1), help="Budget in steps; replaces --minutes.")
+@click.option("--seed", default=0, help="Random seed of weights, crops, masks and noise.")
 @click.option("--rate", default=3e-4, help="Highest learning rate.")
-@click.option("--schedule", type=click.Choice(sorted(SCHEDULES)), default="steps", help="steps: the paper's.")
-@click.option("--optimizer", type=click.Choice(OPTIMIZERS), default="adam", help="The paper's, or Muon for kernels.")
+@click.option(
+    "--schedule",
+    type=click.Choice(sorted(SCHEDULES)),
+    default="steps",
+    help="Learning-rate schedule; steps: the paper's.",
+)
+@click.option(
+    "--optimizer", type=click.Choice(OPTIMIZERS), default="adam", help="Adam, as in the paper, or Muon for kernels."
+)
 @click.option("--crop", default=256, help="Height and width of a training sample in pixels.")
-@click.option("--batch", default=2, type=click.IntRange(min=1), help="Samples a step and process.")
-@click.option("--window", type=int, help="Frames in a row that are refined in a step, to save time.  [default: all]")
+@click.option("--batch", default=2, type=click.IntRange(min=1), help="Samples per step and process.")
+@click.option("--window", type=int, help="Consecutive frames refined in a step.  [default: all]")
 @click.option("--device", default="auto", help="cpu, cuda or auto.")
-@click.option("--validations", default=20, type=click.IntRange(min=1), help="How often the files are renewed.")
+@click.option("--validations", default=20, type=click.IntRange(min=1), help="Number of validations and checkpoints.")
 @click.option("--resume", is_flag=True, help="Continue from the checkpoint in the output folder.")
 def main(
     stage, data, views, frames, amplifier, dual, refine, flow, joint, passes, start, out, weights, minutes, steps, seed,
     rate, schedule, optimizer, crop, batch, window, device, validations, resume,
 ):  # fmt: skip
-    """Train OFaNet in stages: its separator (dns), flow net (flow), flow and refine net (refine), all together (joint).
+    """Train OFaNet in stages: separator (dns), flow net (flow), flow and refine net (refine), all together (joint).
 
-    The stage dns trains the model without refine net. The stage refine may be left out. Each stage writes the weights
-    of the whole model; give those of the stages before with --start. Checkpoint, curves (CSV), weights and model card
-    are renewed on the way. Works under torchrun.
+    The stage dns trains a model without refine net. The stage refine is optional. Each stage writes the weights of the
+    whole model; --start takes the weights of earlier stages. Each validation rewrites checkpoint, curves (CSV), weights
+    and model card. Works under torchrun.
     """
     out = out or Path("runs") / f"ofanet-{stage}"
     budget = Budget(out, minutes, steps, seed, rate, schedule, optimizer, validations)

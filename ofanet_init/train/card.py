@@ -1,4 +1,4 @@
-"""The model card, written beside the weights."""
+"""The model card (Markdown) beside the weights."""
 
 from __future__ import annotations
 
@@ -10,23 +10,23 @@ from pnp_sci.training.loop import Place, Progress
 
 CARD = """# OFaNet for {views} view(s) of {frames} frames
 
-`{config}`, {parameters:.2f} million parameters. It takes a measurement in units where the video spans about [0, 1] and
+`{config}`, {parameters:.2f} million parameters. Inputs: a measurement in units where the video spans about [0, 1], and
 masks in [0, 1]. Weights in half precision; SHA-256 of their values: `{digest}`.
 
 ## Training
 
-The last stage; those before it are in the weights that it started from.
+The table describes the last stage, which started from the weights of the earlier ones.
 
 | | |
 |---|---|
 | command | `{command}` |
 | data | {data} |
-| samples | {batch} a step, of {crop} x {crop} pixels; fresh random masks for each |
+| samples | {batch} per step, of {crop} x {crop} pixels; new random masks for each |
 | steps | {steps} in {minutes:.1f} minutes |
 | hardware | {hardware} |
 | software | torch {torch} |
 
-Curves of this stage, each row the averaged weights on {count} clips whose scenes were not trained on ({held_out}):
+Curves of this stage: the averaged weights on {count} clips whose scenes are not in the training set ({held_out}):
 
 | minutes | loss | {scores} |
 |---|---|{rules}
@@ -35,7 +35,7 @@ Curves of this stage, each row the averaged weights on {count} clips whose scene
 
 
 def write_card(stage: Any, progress: Progress, place: Place, digest: str) -> None:
-    """Write the card of the stage's weights as they stand."""
+    """Write the card for the current weights of `stage`."""
     config = stage.model.config
     moving = [len(clip.frames) for clip in stage.training if len(clip.frames) > 1]
     shown = progress.rows[::-4][::-1] if len(progress.rows) > 10 else progress.rows

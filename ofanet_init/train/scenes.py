@@ -1,4 +1,4 @@
-"""Training pairs made on the device: crops of clips, fresh moving masks and their measurement for every batch."""
+"""Training batches made on the device: crops of clips, random masks and the resulting measurements."""
 
 from __future__ import annotations
 
@@ -10,19 +10,19 @@ import torch
 
 from pnp_sci.training.clips import Clip
 
-STILL = 0.2  # portion of samples that are photographs, panned
-PAN = 3.0  # pixels a frame at most
-INDEPENDENT = 0.1  # portion of batches whose masks have nothing in common; the others' are one pattern that moves
-CAMERA = 0.5  # portion of moving masks with the step and shift of the benchmark's camera (see pnp_sci.masks)
-REACH, SHIFT = 2, 30  # largest step between frames and shift between views of the others, in pixels
-LEAK = 0.2  # portion of masks that let some light through where they are closed
-NOISY = 0.3  # portion of measurements with noise ...
-LOUDEST = 0.2  # ... of at most this part of their maximum, half of them at most a quarter of that
+STILL = 0.2  # fraction of samples that are panned photographs
+PAN = 3.0  # pixels per frame: largest pan of a photograph
+INDEPENDENT = 0.1  # fraction of batches with independent masks; the others have one moving pattern
+CAMERA = 0.5  # fraction of moving masks with the benchmark's step and shift, see pnp_sci.moving_masks
+REACH, SHIFT = 2, 30  # pixels: largest step between frames and largest shift between views of the others
+LEAK = 0.2  # fraction of masks whose closed elements transmit some light
+NOISY = 0.3  # fraction of measurements with noise
+LOUDEST = 0.2  # of max(y): largest standard deviation of the noise
 
 
 @dataclass(frozen=True)
 class Batch:
-    """y: (N, H, W); masks, truth: (N, V, B, H, W)."""
+    """A training batch. y: (N, H, W); masks, truth: (N, V, B, H, W)."""
 
     y: torch.Tensor
     masks: torch.Tensor
@@ -30,14 +30,14 @@ class Batch:
 
 
 def folded(index: torch.Tensor, length: torch.Tensor) -> torch.Tensor:
-    """Bring any index into 0..length-1 by reflection."""
+    """Map any integer index into 0..length-1 by reflection."""
     period = (2 * (length - 1)).clamp(min=1)
     index = index.remainder(period)
     return torch.minimum(index, period - index).minimum(length - 1)
 
 
 class Scenes:
-    """Clips and photographs, kept on the device as bytes, cropped by index arithmetic."""
+    """Clips and photographs, stored on the device as one array of bytes and cropped by index arithmetic."""
 
     def __init__(self, clips: Sequence[Clip], device: torch.device):
         self.device = device
@@ -48,9 +48,10 @@ class Scenes:
         self.moving, self.still = (torch.nonzero(is_so)[:, 0] for is_so in (self.frames > 1, self.frames == 1))
 
     def crops(self, random: torch.Generator, samples: int, frames: int, size: int) -> torch.Tensor:
-        """Random crops (samples, frames, size, size) in [0, 1]: turned, mirrored, reversed, every or every other frame.
+        """Random crops (samples, frames, size, size) in [0, 1].
 
-        A photograph becomes a clip by panning over it.
+        Crops are rotated, mirrored and reversed in time at random, with a stride of 1 or 2 frames. Photographs are
+        panned.
         """
 
         def uniform() -> torch.Tensor:
@@ -89,9 +90,9 @@ class Scenes:
 
 
 def random_masks(random: torch.Generator, shape: tuple[int, int, int, int, int], independent: bool) -> torch.Tensor:
-    """Masks (N, V, B, H, W): for each sample a random pattern that moves from frame to frame and from view to view.
+    """Random masks (N, V, B, H, W) in [0, 1]: one pattern per sample, shifted from frame to frame and view to view.
 
-    If `independent`, each frame has a random pattern of its own.
+    If `independent`, the frames have independent patterns.
     """
     samples, views, frames, rows, columns = shape
     device = random.device
@@ -103,12 +104,12 @@ def random_masks(random: torch.Generator, shape: tuple[int, int, int, int, int],
     closed = torch.where(uniform(samples) < LEAK, 0.2 * uniform(samples), 0.0)[:, None, None, None, None]
     if independent:
         return torch.where(uniform(*shape) < density, 1.0, closed)
-    span = max(rows, columns) + 64  # the pattern is a torus: where it ends, it begins again
+    span = max(rows, columns) + 64  # the pattern is periodic
     pattern = uniform(samples, span, span)
     camera = uniform(samples) < CAMERA
     step = ((2 * REACH + 1) * uniform(samples, 2)).floor() - REACH
     shift = ((2 * SHIFT + 1) * uniform(samples, 2)).floor() - SHIFT
-    step, shift = (  # plain numbers in `where`: a tensor made here would wait for the device
+    step, shift = (  # numbers, not tensors, in `where`: no synchronisation with the device
         torch.stack([torch.where(camera, its, own) for its, own in zip(moves, drawn.unbind(1))], 1).long()
         for moves, drawn in (((1, -1), step), ((15, -18), shift))
     )
@@ -122,17 +123,17 @@ def random_masks(random: torch.Generator, shape: tuple[int, int, int, int, int],
 
 
 def generator(device: torch.device, seed: int, rank: int, step: int) -> torch.Generator:
-    """Random numbers of their own for each seed, rank and step."""
+    """A random generator on `device`, seeded by seed, rank and step."""
     state = np.random.SeedSequence([seed, rank, step]).generate_state(1, np.uint64)[0] >> np.uint64(1)
     return torch.Generator(device).manual_seed(int(state))
 
 
 def batch(scenes: Scenes, seed: int, rank: int, step: int, shape: tuple[int, int, int, int, int]) -> Batch:
-    """The batch of this seed, rank and step; shape: (N, V, B, H, W), H = W."""
+    """The batch of a seed, rank and step; shape: (N, V, B, H, W), H = W."""
     samples, views, frames, size = shape[:4]
     random = generator(scenes.device, seed, rank, step)
     truth = scenes.crops(random, samples * views, frames, size).unflatten(0, (samples, views))
-    # drawn on the host, which would have to wait for the device; 1: not the numbers that choose the window
+    # drawn on the host to avoid a synchronisation; the 1 makes it independent of the choice of the window
     independent = np.random.default_rng([seed, rank, step, 1]).random() < INDEPENDENT
     masks = random_masks(random, shape, independent)
     y = (masks * truth).sum((1, 2))

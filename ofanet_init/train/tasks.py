@@ -1,4 +1,4 @@
-"""The stages of training: separator, flow net, refine net, and all together."""
+"""Stages of training: separator, flow net, refine net, and all together."""
 
 from __future__ import annotations
 
@@ -22,13 +22,13 @@ from pnp_sci.masks import moving_masks
 from pnp_sci.training.clips import Clip
 from pnp_sci.training.loop import Place, Progress
 
-SIZE = 256  # central square of a validation clip
-ALPHA = 1.0  # weight of the separator's loss beside the refined video's, the paper's
+SIZE = 256  # pixels: side of the central square of a validation clip
+ALPHA = 1.0  # weight of the separator's loss, as in the paper
 
 
 @dataclass(frozen=True)
 class Sample:
-    """What a step sees: `batch` measurements of `crop` pixels across, `window` frames of which are refined."""
+    """Samples of a step: `batch` measurements of `crop` x `crop` pixels, of which `window` frames are refined."""
 
     batch: int
     crop: int
@@ -36,7 +36,7 @@ class Sample:
 
 
 class Stage:
-    """What the stages share: the material, the model, and how its weights are published."""
+    """Base of the stages: data, model, and writing of the weights."""
 
     scores: tuple[str, ...]
 
@@ -55,7 +55,7 @@ class Stage:
         write_card(self, progress, place, digest)
 
     def averaged(self, network: torch.nn.Module) -> OFaNet:
-        """The whole model with the averaged weights of what this stage trains."""
+        """The whole model with the averaged weights of the part that this stage trains."""
         assert isinstance(network, OFaNet)
         return network
 
@@ -63,8 +63,8 @@ class Stage:
 class Reconstruction(Stage):
     """Stages "dns", "refine" and "joint": the video from its measurement. Loss: ``alpha * L_DNS + L_refined``.
 
-    In the stage "refine" the separator stays as it is. Each step draws how many passes there are, from one to those of
-    the configuration.
+    The stage "refine" does not train the separator. Each step draws the number of passes, from 1 to that of the
+    configuration.
     """
 
     scores = ("psnr_first", "psnr_refined")
@@ -78,13 +78,13 @@ class Reconstruction(Stage):
         self.compiled = [self.model.separator, *cells] + ([self.model.flow] if self.model.flow else [])
 
     def loss(self, model: torch.nn.Module, place: Place, step: int) -> torch.Tensor:
-        """Mean square error of both videos over fresh scenes and masks."""
+        """Mean squared error of both videos for the scenes and masks of this step."""
         config, size = self.model.config, self.sample.crop
         shape = (self.sample.batch, config.views, config.frames, size, size)
         made = batch(self.scenes, self.seed, place.rank, step, shape)
         count = min(self.sample.window, config.frames)
         start = int(np.random.default_rng([self.seed, place.rank, step]).integers(config.frames - count + 1))
-        passes = int(np.random.default_rng([self.seed, step]).integers(1, config.passes + 1))  # in all processes
+        passes = int(np.random.default_rng([self.seed, step]).integers(1, config.passes + 1))  # equal in all processes
         window = slice(start, start + count)
         with mixed_precision(place.device):
             first, refined = model(made.y, made.masks, window=window, passes=passes)
@@ -96,7 +96,7 @@ class Reconstruction(Stage):
     def validate(self, network: torch.nn.Module, place: Place) -> torch.Tensor:
         """Sums of the PSNR in dB of first and refined videos, and the number of videos.
 
-        Each held-out clip is seen together with the next ones, through masks that move as the benchmark's do.
+        The views of a measurement are a held-out clip and the clips that follow it. Masks move as in the benchmark.
         """
         config = self.model.config
         total = torch.zeros(3, dtype=torch.float64)
@@ -116,29 +116,29 @@ class Reconstruction(Stage):
 
 
 class Flow(Stage):
-    """Stage "flow": the flow net alone, on pairs of pictures whose motion is known."""
+    """Stage "flow": the flow net alone, on pairs of pictures with known motion."""
 
     name, scores = "flow", ("end_point_error", "of_no_motion")
 
     def __init__(self, *rest, **more):
         super().__init__(*rest, **more)
         if self.model.flow is None:
-            raise InputError("stage is flow, but without a refine net that sees flows there is no flow net to train")
-        self.model.flow.requires_grad_(True)  # frozen it is in the stages after this one
+            raise InputError("stage is flow, but this configuration has no flow net: a refine net with flow is needed")
+        self.model.flow.requires_grad_(True)  # `joint=False` freezes it in the later stages only
         if self.sample.crop % COARSEST:
             raise InputError(f"crop is {self.sample.crop}: a multiple of {COARSEST} was expected for the flow net")
         self.network, self.compiled = self.model.flow, [*self.model.flow.encoder, *self.model.flow.decoder]
         self.held_out = Scenes(self.validation, self.scenes.device) if self.validation else None
 
     def loss(self, model: torch.nn.Module, place: Place, step: int) -> torch.Tensor:
-        """End-point error over the scales, in pixels."""
+        """Weighted sum over scales of the end-point error in pixels."""
         first, second, truth = self._pairs(self.scenes, 1 + step, place)
         with mixed_precision(place.device):
             flows = model(first, second)
         return pyramid_loss(flows, truth)
 
     def validate(self, network: torch.nn.Module, place: Place) -> torch.Tensor:
-        """Sums over held-out pairs of the end-point error and of that of a flow of 0, and their number."""
+        """End-point error in pixels on held-out pairs, the error of zero flow, and the number of cases."""
         if self.held_out is None:
             return torch.zeros(3, dtype=torch.float64)
         first, second, truth = self._pairs(self.held_out, 0, place)
@@ -148,7 +148,7 @@ class Flow(Stage):
         return torch.tensor([*(e.item() for e in errors), 1], dtype=torch.float64)
 
     def averaged(self, network: torch.nn.Module) -> OFaNet:
-        """The model as it came, with the flow net that was trained."""
+        """The initial model with the trained flow net."""
         assert self.model.flow is not None
         whole = OFaNet(self.model.config)
         whole.load_state_dict(self.model.state_dict())
@@ -162,6 +162,6 @@ class Flow(Stage):
 
 
 def centre(frames: np.ndarray) -> np.ndarray:
-    """The central square (B, 256, 256)."""
+    """The central square (B, 256, 256) of frames (B, H, W)."""
     top, left = ((size - SIZE) // 2 for size in frames.shape[1:])
     return frames[:, top : top + SIZE, left : left + SIZE]

@@ -1,1 +1,1 @@
-"""Speed on this machine: compiled kernels, threads, and networks prepared for inference."""
+"""Compiled kernels, numbers of threads, and networks prepared for inference."""

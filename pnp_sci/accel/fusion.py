@@ -1,8 +1,9 @@
-"""Convolutions on a CPU at once with what follows them: oneDNN adds the bias, rectifies and sums in passing.
+"""Fused convolution, bias, activation and residual on a CPU, by oneDNN.
 
-Apart, these read and write all values once more each, which takes small networks as long as the convolutions do.
+As separate operations, each of them reads and writes all values again. In small networks this takes as long as the
+convolutions.
 
-This module imports torch; nothing in :mod:`pnp_sci` imports it before it is asked for.
+This module imports torch; :mod:`pnp_sci` imports it on first use only.
 """
 
 from __future__ import annotations
@@ -20,14 +21,14 @@ RECTIFIERS = {nn.ReLU: "relu", nn.LeakyReLU: "leaky_relu"}
 
 
 class Residual(nn.Module):
-    """``x + body(x)``; the body ends with a convolution."""
+    """Residual block ``x + body(x)``; the body ends with a convolution."""
 
     def __init__(self, body: nn.Sequential):
         super().__init__()
         self.body = body
 
     def forward(self, x: torch.Tensor) -> torch.Tensor:
-        """(N, C, H, W) -> the same shape."""
+        """Map (N, C, H, W) to the same shape."""
         *before, last = self.body
         h = x
         for layer in before:
@@ -36,7 +37,17 @@ class Residual(nn.Module):
 
 
 class Fused(nn.Module):
-    """A convolution at once with the rectifier behind it, or with something that is added; it learns no more."""
+    """A convolution fused with an activation or with the addition of a residual; for inference only.
+
+    Parameters
+    ----------
+    layer : nn.Conv2d
+        Convolution whose weights are copied.
+    rectifier : nn.ReLU, nn.LeakyReLU or None
+        Activation that follows it.
+    dtype : torch.dtype
+        Of the weights and the result.
+    """
 
     weight: torch.Tensor
     bias: torch.Tensor | None
@@ -50,18 +61,18 @@ class Fused(nn.Module):
         self.rectifier = kind, [rectifier.negative_slope] if isinstance(rectifier, nn.LeakyReLU) else [], ""
 
     def forward(self, x: torch.Tensor, added: torch.Tensor | None = None) -> torch.Tensor:
-        """(N, C, H, W), and what is to be added to the result, of its shape -> the result."""
+        """Convolve x (N, C, H, W); `added`, of the shape of the result, is added to it."""
         dtype = self.weight.dtype
         layer = self.weight, self.bias, *self.geometry
         convolve = torch.ops.mkldnn._convolution_pointwise
         if added is None:
             return convolve(x.to(dtype), *layer, *self.rectifier)
-        assert self.rectifier[0] == "none", "a sum is not rectified"
+        assert self.rectifier[0] == "none", "no activation may follow a sum"
         return convolve.binary(x.to(dtype), added.to(dtype), *layer, "add", 1.0, None, [], None)
 
 
 class Winograd(Fused):
-    """A convolution of 3 x 3 pixels by a fourth of the products, at once with what follows it, in float32."""
+    """A fused 3 x 3 convolution by Winograd's algorithm, in float32; arguments as for :class:`Fused`."""
 
     spectra: torch.Tensor
     shift: torch.Tensor
@@ -77,15 +88,15 @@ class Winograd(Fused):
 
     @staticmethod
     def serves(layer: nn.Conv2d, dtype: torch.dtype) -> bool:
-        """Whether that is quicker for a layer here: with wider vectors or half precision oneDNN is."""
+        """Whether this is faster for `layer` on this CPU; with AVX-512 or half precision, oneDNN is faster."""
         like_that = layer.kernel_size == (3, 3) and layer.padding == layer.stride == layer.dilation == (1, 1)
         wide = layer.in_channels >= 32 and layer.out_channels >= 16 and layer.out_channels % winograd.COLUMNS == 0
         narrow = torch.backends.cpu.get_cpu_capability() == "AVX2" and dtype == torch.float32
         return narrow and like_that and wide and layer.groups == 1
 
     def forward(self, x: torch.Tensor, added: torch.Tensor | None = None) -> torch.Tensor:
-        """(N, C, H, W), and what is to be added to the result, of its shape -> the result."""
-        assert added is None or self.rectifier[0] == "none", "a sum is not rectified"
+        """Convolve x (N, C, H, W); `added`, of the shape of the result, is added to it."""
+        assert added is None or self.rectifier[0] == "none", "no activation may follow a sum"
         lines = _lines(x)
         out = np.empty((*lines.shape[:3], self.shift.shape[0]), np.float32)
         more = out[:0] if added is None else _lines(added)
@@ -94,12 +105,15 @@ class Winograd(Fused):
 
 
 def _lines(x: torch.Tensor) -> np.ndarray:
-    """(N, C, H, W) -> (N, H, W, C), float32; copied if channels do not come last in memory."""
+    """Convert (N, C, H, W) to (N, H, W, C), float32; a copy unless x is in channels-last memory format."""
     return np.ascontiguousarray(x.detach().float().permute(0, 2, 3, 1).numpy())
 
 
 def fuse(network: nn.Module, dtype: torch.dtype) -> None:
-    """Fuse, where torch can, the convolutions in all sequences of a network on the CPU, which then learns no more."""
+    """Replace the convolutions in all ``nn.Sequential`` of a network on the CPU by fused ones, for inference only.
+
+    Does nothing where this version of torch or this processor does not support it.
+    """
     if not _can_fuse(dtype):
         return
     for sequence in [module for module in network.modules() if isinstance(module, nn.Sequential)]:
@@ -114,7 +128,7 @@ def fuse(network: nn.Module, dtype: torch.dtype) -> None:
 
 @cache
 def _can_fuse(dtype: torch.dtype) -> bool:
-    """Whether this torch has what is private to it, quick as on x86, and that does what it should."""
+    """Whether the fused operators, which are private to torch, exist on this x86-64 CPU and give the right result."""
     if platform.machine().lower() not in ("x86_64", "amd64") or not torch.backends.mkldnn.is_available():
         return False
     x = torch.linspace(-1, 1, 8 * 8 * 8).sin().reshape(1, 8, 8, 8).to(dtype)

@@ -1,6 +1,6 @@
-"""Where networks run, and in which precision.
+"""Device and precision of networks.
 
-This module imports torch; nothing in :mod:`pnp_sci` imports it before it is asked for.
+This module imports torch; :mod:`pnp_sci` imports it on first use only.
 """
 
 from __future__ import annotations
@@ -18,7 +18,7 @@ from pnp_sci.errors import InputError
 
 
 def usable(device: str | None) -> torch.device:
-    """The device of that name, the CPU by default; raises InputError if it cannot be used here."""
+    """The torch device of this name, by default the CPU; raises InputError if it cannot be used."""
     try:
         place = torch.device(device or "cpu")
         torch.empty(0, device=place)
@@ -31,7 +31,7 @@ Net = TypeVar("Net", bound=nn.Module)
 
 
 def ready(network: Net, device: torch.device) -> Net:
-    """The network itself, on its device, as it is quickest there; it learns no more."""
+    """Prepare `network` for inference on `device`, in place, and return it; it cannot be trained afterwards."""
     network.eval().to(device, memory_format=torch.channels_last)  # type: ignore[call-overload]
     if device.type == "cpu":
         fuse(network, torch.bfloat16 if half_precision(device) else torch.float32)
@@ -40,14 +40,14 @@ def ready(network: Net, device: torch.device) -> Net:
 
 @contextmanager
 def running(device: torch.device) -> Iterator[None]:
-    """Meanwhile, networks that are :func:`ready` may be called: without gradients, and in half precision if quicker."""
+    """Context for calls of networks that are :func:`ready`: no gradients, and the precision of the device."""
     with as_many_threads(), torch.inference_mode(), mixed_precision(device):
         yield
 
 
 @contextmanager
 def as_many_threads() -> Iterator[None]:
-    """Let torch use no more threads than numba's kernels do, which ``solve(threads=...)`` may have limited."""
+    """Context in which torch uses at most numba's number of threads, which ``solve(threads=...)`` may limit."""
     before = torch.get_num_threads()
     if before <= numba.get_num_threads():
         yield
@@ -60,13 +60,13 @@ def as_many_threads() -> Iterator[None]:
 
 
 def mixed_precision(device: torch.device) -> torch.autocast:
-    """Meanwhile, networks work in half precision if `device` is quicker in that."""
+    """Context of mixed precision: bfloat16 if :func:`half_precision`, else float32."""
     return torch.autocast(device.type, torch.bfloat16, enabled=half_precision(device))
 
 
 def half_precision(device: torch.device) -> bool:
-    """Whether `device` multiplies bfloat16 natively; where it must be emulated, float32 is quicker."""
+    """Whether `device` has native bfloat16 arithmetic; where it is emulated, float32 is faster."""
     if device.type == "cuda":
         return torch.cuda.is_bf16_supported(including_emulation=False)
-    native = ("_is_avx512_bf16_supported", "_is_amx_tile_supported")  # private, and absent from some versions of torch
+    native = ("_is_avx512_bf16_supported", "_is_amx_tile_supported")  # private; some versions lack them
     return device.type == "cpu" and any(getattr(torch.cpu, name, bool)() for name in native)

@@ -1,7 +1,8 @@
-"""One decorator for all numba kernels: compiled on first use, cached on disk, parallel where that pays.
+"""The decorator of all numba kernels: compiled on first use, cached on disk, parallel for large inputs.
 
-Each kernel exists twice, serial and parallel, made from one function. The serial one serves small inputs, one thread,
-and calls from a second thread while the threading layer is numba's own work queue, which is not reentrant.
+Each kernel is compiled twice, serial and parallel, from one function. The serial version is used for small inputs and
+for one thread. It is also used in a second Python thread if numba's threading layer is the work queue, which is not
+reentrant.
 """
 
 from __future__ import annotations
@@ -14,18 +15,16 @@ from typing import Any
 
 import numba
 
-# How long GNU's OpenMP lets a thread that has nothing to do go on spinning; it is read when the first parallel kernel
-# loads it, unless torch has done so before. By default 30 times as long: no quicker on a machine with nothing else to
-# do, but beside one other busy program TV takes 17 times as long as alone, and twice as long with this.
+# Shorter spinning of idle threads in GNU OpenMP, which slows down a loaded machine. OpenMP reads it when it is loaded.
 if "OMP_WAIT_POLICY" not in os.environ:
     os.environ.setdefault("GOMP_SPINCOUNT", "10000")
 
-PARALLEL_FROM = 32_768  # elements of the largest array; below, starting threads costs more than they save
-FASTMATH = {"contract", "nsz", "arcp"}  # NaN and inf keep their meaning: the guard has to see them
+PARALLEL_FROM = 32_768  # elements of the largest argument from which the parallel version is faster
+FASTMATH = {"contract", "nsz", "arcp"}  # without nnan and ninf: the solver tests for NaN and inf
 
 
 def _twin(function: FunctionType, suffix: str) -> FunctionType:
-    """The same function under another name, because numba's disk cache tells kernels apart by name only."""
+    """A copy of the function with another name, because numba's disk cache identifies kernels by name."""
     twin = FunctionType(function.__code__, function.__globals__, function.__name__ + suffix)
     twin.__qualname__ = function.__qualname__ + suffix
     twin.__module__ = function.__module__
@@ -40,7 +39,10 @@ def _reentrant() -> bool:
 
 
 def kernel(function: Callable[..., Any]) -> Callable[..., Any]:
-    """Compile `function` (which loops with ``numba.prange``) on its first call; return a dispatcher."""
+    """Decorator of a function with ``numba.prange`` loops: compiles it on its first call.
+
+    The returned function has the same arguments. It calls the serial or the parallel version.
+    """
     assert isinstance(function, FunctionType)
     options = {"cache": True, "fastmath": FASTMATH, "error_model": "numpy"}
     serial = numba.njit(**options)(_twin(function, "_serial"))
@@ -58,6 +60,6 @@ def kernel(function: Callable[..., Any]) -> Callable[..., Any]:
 
 device_function = numba.njit(inline="always", cache=True, fastmath=FASTMATH, error_model="numpy")
 
-# One plain loop over arrays, a function of its own: inside a parallel region LLVM does not vectorise it where several
-# arrays are written, as it cannot tell them apart.
+# Decorator of a plain loop over arrays. In a parallel region LLVM does not vectorise a loop that writes several arrays,
+# as they may alias; in a function of its own it does.
 loop = numba.njit(cache=True, fastmath=FASTMATH, error_model="numpy")

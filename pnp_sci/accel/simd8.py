@@ -1,6 +1,6 @@
-"""Eight float32 in a row as one vector, where LLVM makes none by itself: rows that lie anywhere, squares, products.
+"""8-lane SIMD intrinsics for float32, for loops that LLVM does not vectorise: rows, transposes, matrix products.
 
-Numba's files of compiled kernels do not notice a change in here: delete ``__pycache__/*.nb?`` after one.
+Numba's disk cache does not detect changes in this file: delete ``__pycache__/*.nb?`` after a change.
 """
 
 from typing import Any
@@ -9,19 +9,19 @@ from llvmlite import ir
 from numba import extending, types
 from numba.core.cgutils import alloca_once_value, for_range
 
-intrinsic: Any = extending.intrinsic  # what it makes of a function takes all but the first argument
+intrinsic: Any = extending.intrinsic  # the intrinsic has all arguments of the function except the first
 EIGHT, ROW = range(8), ir.VectorType(ir.FloatType(), 8)
-LINES = 4  # of a product: its eight or twelve sums, and what they are made of, stay in registers
+LINES = 4  # rows of a product, so that its sums and operands fit into registers
 
 
 def _value(context, builder, kind, array, at):
-    """Where a value of a flat array is."""
+    """Pointer to the value at index `at` of a flat array."""
     assert (kind.dtype, kind.ndim, kind.layout) == (types.float32, 1, "C"), kind
     return builder.gep(context.make_array(kind)(context, builder, array).data, [at])
 
 
 def _place(*where):
-    """Where the row of an array begins that has its first value there."""
+    """Pointer to the row of eight values of which the first is given; arguments as for `_value`."""
     return where[1].bitcast(_value(*where), ROW.as_pointer())
 
 
@@ -37,7 +37,7 @@ def _store(builder, row, place):
 
 @intrinsic
 def copy_row(typing, v, at, out, to):
-    """out[to : to + 8] <- v[at : at + 8]; bounds are not checked."""
+    """out[to : to + 8] <- v[at : at + 8], without bounds checks."""
 
     def generate(context, builder, signature, arguments):
         v, at, out, to = arguments
@@ -50,7 +50,7 @@ def copy_row(typing, v, at, out, to):
 
 @intrinsic
 def add_row(typing, v, at, out, to):
-    """out[to : to + 8] += v[at : at + 8]; bounds are not checked."""
+    """out[to : to + 8] += v[at : at + 8], without bounds checks."""
 
     def generate(context, builder, signature, arguments):
         v, at, out, to = arguments
@@ -63,14 +63,14 @@ def add_row(typing, v, at, out, to):
 
 @intrinsic
 def transpose(typing, v, at):
-    """v[at : at + 64], a matrix of eight rows of eight, <- its transpose; bounds are not checked."""
+    """Transpose v[at : at + 64], an 8 x 8 matrix, in place, without bounds checks."""
 
     def generate(context, builder, signature, arguments):
         v, at = arguments
         first = _place(context, builder, signature.args[0], v, at)
         places = [builder.gep(first, [ir.Constant(ir.IntType(32), i)]) for i in EIGHT]
         rows = [_load(builder, place) for place in places]
-        for half in (4, 2, 1):  # of squares of twice as many, those above and below the diagonal change places
+        for half in (4, 2, 1):  # swap the off-diagonal blocks of size `half` of each block of twice the size
             for i in (i for i in EIGHT if not i & half):
                 above, below = rows[i], rows[i + half]
                 left = [8 + j - half if j & half else j for j in EIGHT]
@@ -87,7 +87,7 @@ def transpose(typing, v, at):
 
 
 def _product(columns: int) -> Any:
-    """A product of matrices: four lines of one times so many columns of the other, a multiple of eight."""
+    """Intrinsic for a matrix product: four rows of one matrix times `columns` of the other, a multiple of 8."""
 
     def multiply(typing, v, at, depth, u, of, width, out, to):
         def generate(context, builder, signature, arguments):
@@ -125,6 +125,6 @@ def _product(columns: int) -> Any:
     return intrinsic(multiply)
 
 
-# out[to + width i : + columns] <- the sum of v[at + depth i + c] u[of + width c : + columns] over c < depth, for i < 4:
-# matrices are v, (.., depth), and u, (depth, width); bounds are not checked
+# multiply_N(v, at, depth, u, of, width, out, to), without bounds checks, for i < 4:
+# out[to + width i : to + width i + N] <- sum over c < depth of v[at + depth i + c] u[of + width c : of + width c + N]
 multiply_16, multiply_24 = _product(16), _product(24)

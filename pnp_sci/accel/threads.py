@@ -1,4 +1,4 @@
-"""How many threads compute: one number for numba's kernels, BLAS, OpenCV and torch."""
+"""Limits on the number of threads of numba's kernels, BLAS, OpenCV and torch."""
 
 from __future__ import annotations
 
@@ -11,12 +11,12 @@ from threadpoolctl import threadpool_limits
 
 
 class Pool:
-    """Threads of the whole process, held to a number while anybody asks for it; the last who leaves puts them back.
+    """A thread pool of the whole process, limited while a context is open; the last one to close restores the limit.
 
     Parameters
     ----------
     hold : callable
-        Holds them to so many, and returns what undoes that.
+        ``hold(threads)`` sets the limit and returns a function that restores the earlier one.
     """
 
     def __init__(self, hold: Callable[[int], Callable[[], object]]):
@@ -25,7 +25,7 @@ class Pool:
 
     @contextmanager
     def at_most(self, threads: int) -> Iterator[None]:
-        """Meanwhile, so many threads at most; fewer if others ask for fewer at the same time."""
+        """Context with at most `threads` threads; of several open contexts, the smallest limit holds."""
         with self._lock:
             undo = self._hold(min([threads, *self._asked]))
             if not self._asked:
@@ -47,11 +47,11 @@ _blas = Pool(lambda threads: threadpool_limits(threads, user_api="blas").restore
 
 @contextmanager
 def limited(threads: int | None) -> Iterator[None]:
-    """Hold what is computed inside to so many threads at most, None for no change; afterwards all is as before.
+    """Context with at most `threads` threads; None changes nothing.
 
-    Networks and optical flow ask numba how many there are, see :func:`pnp_sci.accel.inference.as_many_threads`. The
-    limits of numba's kernels and of OpenMP hold for this thread alone: solvers in other threads keep theirs. That of
-    BLAS holds for the process, the lowest that is asked for.
+    The limits of numba and OpenMP apply to the calling thread only. The limit of BLAS applies to the process, and the
+    smallest one holds. Networks and optical flow use numba's limit, see
+    :func:`pnp_sci.accel.inference.as_many_threads`.
     """
     if threads is None:
         yield

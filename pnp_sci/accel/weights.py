@@ -1,6 +1,6 @@
-"""Weights of networks on disk: half-precision safetensors that say what they hold, with the hash of their values.
+"""Weights of networks on disk: half-precision safetensors with metadata and the hash of their values.
 
-This module imports torch; nothing in :mod:`pnp_sci` imports it before it is asked for.
+This module imports torch; :mod:`pnp_sci` imports it on first use only.
 """
 
 from __future__ import annotations
@@ -18,7 +18,7 @@ from pnp_sci.errors import DataUnavailableError, FormatError
 
 
 def fingerprint(tensors: Mapping[str, torch.Tensor]) -> str:
-    """SHA-256 of names, shapes and values, whatever the order of the tensors in the file."""
+    """SHA-256 of names, shapes and values, independent of the order of the tensors."""
     digest = hashlib.sha256()
     for name in sorted(tensors):
         digest.update(f"{name} {tuple(tensors[name].shape)}".encode())
@@ -27,13 +27,13 @@ def fingerprint(tensors: Mapping[str, torch.Tensor]) -> str:
 
 
 def save(path: str | Path, tensors: Mapping[str, torch.Tensor], metadata: Mapping[str, str]) -> str:
-    """Write `tensors` and `metadata` to `path`, at once or not at all; return the hash of the values."""
+    """Write `tensors` as float16 and `metadata` to `path` atomically; return the SHA-256 of the values."""
     halves = {key: value.detach().half().contiguous().cpu() for key, value in tensors.items()}
     digest = fingerprint(halves)
     path = Path(path)
     path.parent.mkdir(parents=True, exist_ok=True)
     partial = path.with_name(path.name + ".partial")
-    partial.write_bytes(serialise(halves, {**metadata, "sha256": digest}))  # save_file would write for its owner only
+    partial.write_bytes(serialise(halves, {**metadata, "sha256": digest}))  # save_file removes others' read permission
     os.replace(partial, path)
     return digest
 
@@ -45,16 +45,16 @@ def read(path: str | Path, expected: Mapping[str, str], remedy: str) -> tuple[di
     ----------
     path : str or Path
     expected : mapping
-        Metadata that the file must have, such as ``{"prior": "video"}``.
+        Required metadata, such as ``{"prior": "video"}``.
     remedy : str
-        The command that makes such a file, for the error if there is none.
+        Command that makes the file, for the error message.
 
     Raises
     ------
     DataUnavailableError
-        If there is no such file.
+        If the file does not exist.
     FormatError
-        If it is no safetensors file, holds something else, or its values are not those that were saved.
+        If it is not a safetensors file, has other metadata, or its values do not match their hash.
     """
     path = Path(path)
     if not path.is_file():
@@ -75,7 +75,7 @@ def read(path: str | Path, expected: Mapping[str, str], remedy: str) -> tuple[di
 
 
 def fill(network: torch.nn.Module, tensors: Mapping[str, torch.Tensor], path: str | Path) -> None:
-    """Load all of `tensors` into all of `network`, or raise a FormatError naming `path`."""
+    """Load `tensors` into `network`; raises a FormatError that names `path` if their names or shapes differ."""
     try:
         network.load_state_dict(dict(tensors), strict=True)
     except RuntimeError as error:

@@ -1,10 +1,10 @@
-"""Convolutions of 3 x 3 pixels by a fourth of the products (Winograd), for processors without wider vectors.
+"""3 x 3 convolutions by Winograd's algorithm F(4 x 4, 3 x 3), with a fourth of the multiplications, for AVX2.
 
-A job makes 4 lines of up to 64 pixels. What it reads, 6 lines, is put apart by every fourth column, so that column k of
-all tiles of 4 x 4 pixels lies together, and its transforms along lines and columns are loops over long rows. Then 36
-products of matrices, (tiles, channels) times (channels, channels), are the spectra of the result.
+A job computes 4 lines of up to 64 pixels from 6 lines of input. The columns of the input are grouped modulo 4, so that
+column k of all tiles is contiguous. The transforms along lines and columns are then loops over long rows. The transform
+of the result is 36 matrix products of (tiles, channels) and (channels, channels).
 
-A. Lavin & S. Gray, "Fast algorithms for convolutional neural networks", CVPR 2016: F(4 x 4, 3 x 3).
+A. Lavin & S. Gray, "Fast algorithms for convolutional neural networks", CVPR 2016.
 """
 
 import numba
@@ -13,12 +13,12 @@ import numpy as np
 from pnp_sci.accel.jit import kernel, loop
 from pnp_sci.accel.simd8 import LINES, multiply_16, multiply_24
 
-OUT, IN = 4, 6  # pixels of a tile, and what it depends on, along either axis
-TILES = 16  # of a job at most
-COLUMNS = 8  # the number of channels that come out is a multiple of this, and 16 or more
-# a filter's transform along an axis
+OUT, IN = 4, 6  # pixels of a tile of the output and of the input, along either axis
+TILES = 16  # largest number of tiles of a job
+COLUMNS = 8  # divisor of the number of output channels, which is at least 16
+# transform of a filter along an axis
 FILTER = np.array([[6, 0, 0], [-4, -4, -4], [-4, 4, -4], [1, 2, 4], [1, -2, 4], [0, 0, 24]]) / 24
-TWO, FOUR, FIVE, EIGHT = (np.float32(n) for n in (2, 4, 5, 8))  # with whole numbers numba would reckon in float64
+TWO, FOUR, FIVE, EIGHT = (np.float32(n) for n in (2, 4, 5, 8))  # integers would make numba use float64
 
 
 def spectra(weight: np.ndarray) -> np.ndarray:
@@ -29,7 +29,7 @@ def spectra(weight: np.ndarray) -> np.ndarray:
 
 @loop
 def _transform(a, b, c, d, e, f, out):
-    """out (6, N) <- the transform of six rows, of N values or more."""
+    """out (6, N) <- the input transform of six rows of at least N values."""
     p, q, r, s, t, u = out[0], out[1], out[2], out[3], out[4], out[5]
     for k in range(p.size):
         even, odd = e[k] - FOUR * c[k], d[k] - FOUR * b[k]
@@ -40,7 +40,7 @@ def _transform(a, b, c, d, e, f, out):
 
 @loop
 def _result(v, out):
-    """out (4, N) <- the rows of the result whose transform is v (6, N)."""
+    """out (4, N) <- the output transform of v (6, N)."""
     a, b, c, d, e, f = v[0], v[1], v[2], v[3], v[4], v[5]
     p, q, r, s = out[0], out[1], out[2], out[3]
     for k in range(p.size):
@@ -51,7 +51,7 @@ def _result(v, out):
 
 @loop
 def _fetch(line, left, apart):
-    """apart[k % 4, k // 4] <- pixel (C,) left + k of a line (W, C), 0 beyond its ends."""
+    """apart[k % 4, k // 4] <- pixel (C,) at left + k of a line (W, C), 0 outside."""
     for k in range(OUT * apart.shape[1]):
         pixel = apart[k % OUT, k // OUT]
         if 0 <= left + k < len(line):
@@ -64,7 +64,7 @@ def _fetch(line, left, apart):
 
 @loop
 def _put(apart, bias, slope, added, line):
-    """line (W, K) <- pixels that lie apart, with a bias, rectified, and with what is added (W, K), if anything."""
+    """line (W, K) <- activation(apart + bias) + added; columns of `apart` are grouped modulo 4, added may be empty."""
     for j in range(len(line)):
         given, pixel = apart[j % OUT, j // OUT], line[j]
         for k in range(pixel.size):
@@ -78,10 +78,10 @@ def _put(apart, bias, slope, added, line):
 
 @kernel
 def convolve(x, filters, bias, slope, added, out):
-    """out (N, H, W, K) <- x (N, H, W, C), 0 around, by filters whose :func:`spectra` these are.
+    """out (N, H, W, K) <- activation(convolution of x (N, H, W, C) + bias (K,)) + added, with zero padding.
 
-    A bias (K,) is added, what is negative comes times `slope`, and then `added` of the shape of `out`, or (0, H, W, K),
-    is added. All are float32; K is a multiple of 8, and 16 or more.
+    filters: :func:`spectra` of the filters; slope: negative slope of the leaky ReLU, 1 for none; added: of the shape of
+    out, or (0, H, W, K) for none. All are float32; K is a multiple of 8 and at least 16.
     """
     count, height, width, depth = x.shape
     outputs = out.shape[3]

@@ -1,4 +1,4 @@
-"""Measure methods: on known scenes, each in a process of its own, or all on one measurement, with or without truth."""
+"""Benchmarks of methods on known scenes, each in a separate process, and comparisons on one measurement."""
 
 from pnp_sci.bench.cases import Case, expand
 from pnp_sci.bench.comparison import Comparison, Trial, compare

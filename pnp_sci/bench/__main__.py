@@ -1,4 +1,4 @@
-"""The process of one row: :func:`pnp_sci.bench.run` starts it, and reads the last line it prints."""
+"""The process that measures one row: :func:`pnp_sci.bench.run` starts it and reads the last line that it prints."""
 
 import json
 import sys

@@ -1,4 +1,4 @@
-"""What is measured on: known scenes by name, files of measurements, both with other noise or fewer frames."""
+"""Benchmark cases: known scenes by name and files of measurements, optionally with other noise or fewer frames."""
 
 from __future__ import annotations
 
@@ -31,17 +31,16 @@ GROUPS: dict[str, tuple[str, ...]] = {
 
 @dataclass(frozen=True)
 class Case:
-    """A scene as it is measured.
+    """A scene, and how it is measured.
 
     Attributes
     ----------
     scene : str
-        A known scene, or a file with ``y``, ``masks`` and, if it is known, the truth ``x``, such as those of
-        ``pnp-sci simulate``.
+        A known scene, or a file with ``y``, ``masks`` and optionally the truth ``x``, as ``pnp-sci simulate`` writes.
     noise : float, optional
-        Measure the truth anew, with noise of this standard deviation in parts of the largest value of y.
+        Simulate the measurement from the truth, with this standard deviation relative to the largest value of y.
     frames : int, optional
-        Measure anew the first so many frames of each view.
+        Simulate the measurement from this number of frames of each view, from the first on.
     """
 
     scene: str
@@ -51,7 +50,7 @@ class Case:
     @property
     def name(self) -> str:
         """
-        The scene, and what is not as it comes.
+        The scene, and the settings that are not the default.
 
         >>> Case("kobe").name, Case("kobe", noise=0.1, frames=6).name
         ('kobe', 'kobe, noise 0.1, 6 frames')
@@ -62,12 +61,14 @@ class Case:
         return ", ".join(words)
 
     def load(self) -> datasets.Scene:
-        """The scene; as :func:`pnp_sci.datasets.fetch` where its files are not here.
+        """Load the scene, and simulate its measurement if noise or frames are given.
 
         Raises
         ------
         InputError
-            If there is no such scene, it has not so many frames, or it has no truth to be measured anew.
+            If the scene is unknown, has fewer frames, or has no truth to simulate from.
+        FormatError, DataUnavailableError
+            As for :func:`pnp_sci.datasets.fetch`.
         """
         scene = _SCENES[self.scene]() if self.scene in _SCENES else _from_file(self.scene)
         if self.noise is None and self.frames is None:
@@ -75,7 +76,8 @@ class Case:
         if scene.truth is None:
             raise InputError(f"case is {self.name!r}: a scene whose truth is known was expected")
         if self.frames is not None and not 1 <= self.frames <= scene.masks.shape[1]:
-            raise InputError(f"frames is {self.frames}, but {self.scene} has {scene.masks.shape[1]}")
+            most = scene.masks.shape[1]
+            raise InputError(f"frames is {self.frames}: a whole number from 1 to {most} was expected for {self.scene}")
         masks, truth = scene.masks[:, : self.frames], scene.truth[..., : self.frames, :, :]
         films = truth.reshape(-1, *masks.shape)
         y = np.stack([simulate(film, masks, self.noise or 0.0, seed) for seed, film in enumerate(films)])
@@ -85,12 +87,12 @@ class Case:
 def expand(
     names: Iterable[str], noises: Iterable[float | None] = (None,), frames: Iterable[int | None] = (None,)
 ) -> list[Case]:
-    """All combinations of scenes, noise and frames, each once; groups stand for their members.
+    """All distinct combinations of scenes, noise and frames; groups are replaced by their members.
 
     Raises
     ------
     InputError
-        If a name is no scene, no group (``dualview``, ``singleview``, ``real``) and no file.
+        If a name is not a scene, a group (``dualview``, ``singleview``, ``real``) or a file.
 
     Examples
     --------

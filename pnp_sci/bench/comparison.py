@@ -1,4 +1,4 @@
-"""Several methods on one measurement, with or without the truth, each with what reproduces it."""
+"""Comparison of methods on one measurement, with or without the truth."""
 
 from __future__ import annotations
 
@@ -29,19 +29,19 @@ from pnp_sci.sensing.sensor import Sensor, warn_if_saturated
 
 @dataclass(frozen=True, eq=False)
 class Trial:
-    """One method on the measurement.
+    """The result of one method.
 
     Attributes
     ----------
     method : Method
     python : str
-        A call that gives the same result.
+        Python code that reproduces the result.
     command : str or None
-        A command line that does, where the files are known.
+        Command line that reproduces the result; None if the files are unknown.
     result : Result or None
-        None if it failed.
+        None if the method failed.
     error : str or None
-        Why it failed.
+        Message of the failure.
     score : float or None
         See :func:`pnp_sci.bench.held_back_score`.
     psnr, ssim : tuple of float
@@ -59,11 +59,11 @@ class Trial:
 
     @property
     def quality(self) -> float | None:
-        """Mean PSNR over the views, or the score where no truth is known."""
+        """Mean PSNR over the views in dB, or the score without truth."""
         return float(np.mean(self.psnr)) if self.psnr else self.score
 
     def row(self) -> dict[str, Any]:
-        """What of it is numbers and words, as JSON can hold it; the video is not in it."""
+        """All values except the video, for JSON."""
         row: dict[str, Any] = {"name": self.method.name, **asdict(self.method), "error": self.error}
         if self.result is not None:
             last = self.result.history[-1]
@@ -82,7 +82,7 @@ class Trial:
 
 @dataclass(frozen=True, eq=False)
 class Comparison:
-    """What :func:`compare` hands back.
+    """The result of :func:`compare`.
 
     Attributes
     ----------
@@ -90,11 +90,13 @@ class Comparison:
     trials : tuple of Trial
         In the order of the methods.
     truth : ndarray or None
-        (V, B, H, W), if it is known; white is 1.
+        (V, B, H, W), with white at 1; None if it is unknown.
     white : float
-        The value of the videos that is shown as white.
+        Value of the videos that is displayed as white.
     facts : dict
-        Of the measurement, in words.
+        Description of the measurement: names and texts.
+    machine : dict
+        See :func:`pnp_sci.bench.runner.machine`.
     """
 
     y: np.ndarray
@@ -105,12 +107,12 @@ class Comparison:
     machine: dict[str, Any] = field(default_factory=machine)
 
     def as_json(self) -> str:
-        """All rows with their settings, the facts, and on what it was measured. NaN is null."""
+        """Rows with their settings, facts and machine as JSON; NaN becomes null."""
         rows = [trial.row() for trial in self.trials]
         return json.dumps(_finite({"machine": self.machine, "measurement": self.facts, "rows": rows}), indent=2)
 
     def save_html(self, path: str | Path, title: str = "Comparison of reconstructions") -> None:
-        """Write a report for the browser: one file that needs nothing else, see :mod:`pnp_sci.bench.report`."""
+        """Write a self-contained HTML report, see :mod:`pnp_sci.bench.report`."""
         from pnp_sci.bench.report import write
 
         write(path, self, title)
@@ -130,8 +132,8 @@ def compare(
 ) -> Comparison:
     """Run several methods on one measurement.
 
-    Each runs twice: with a share of the pixels held back, which gives its score and loads and compiles what it needs,
-    and as it is, which gives the video and the seconds. A method that fails is a row with its error.
+    Each method runs twice. The first run, with some pixels held back, gives the score and does all loading and
+    compilation. The second run gives the video and the seconds. A failure is recorded in the method's trial.
 
     Parameters
     ----------
@@ -141,9 +143,9 @@ def compare(
     reference : array_like, optional
         The truth, as for :func:`pnp_sci.solve`.
     source : Source, optional
-        Where y and masks come from.
+        The files of y and masks, for the command lines.
     progress : bool
-        Show a progress bar.
+        Whether to show a progress bar.
     noise, seed, device
         As for :func:`pnp_sci.solve`, for all methods.
 
@@ -154,7 +156,7 @@ def compare(
     Raises
     ------
     InputError, InputTypeError
-        If y, masks, noise or the reference cannot be used.
+        If y, masks, noise or the reference cannot be used, or there are no methods.
 
     Examples
     --------
@@ -182,14 +184,14 @@ def compare(
 
 @dataclass(frozen=True, eq=False)
 class _Task:
-    """What all methods share: the measurement, what is known of it, and what is asked of every solver."""
+    """The measurement, its noise and scene, and the settings common to all methods."""
 
     y: np.ndarray
-    masks: Any  # as they came, so that their hash in the settings is that of the file
-    planes: np.ndarray  # the same, (V, B, H, W)
-    unit: float  # the value of x that is 1 where x spans about [0, 1]
-    noise: float  # in the units of y
-    sensor: Sensor  # its read noise estimated if that was asked for
+    masks: Any  # unconverted, so that the hash in the settings is that of the file
+    planes: np.ndarray  # the masks as (V, B, H, W)
+    unit: float  # value of x that corresponds to 1 in the solver's units
+    noise: float  # standard deviation in the units of y
+    sensor: Sensor  # with the estimated read noise if it is "auto"
     saturated: np.ndarray | None
     scene: SceneModel
     truth: Reference | None
@@ -222,10 +224,10 @@ class _Task:
         words = method.python(self.source, **self.common), method.command(self.source, **self.common)
         try:
             score = self.score(method)
-            # the noise as `solve` would estimate it too
+            # the same estimate of the noise as in `solve`
             settings: dict[str, Any] = self.common | {"noise": self.sensor}
             result = api.solve(self.y, self.masks, **method.arguments(), **settings)
-        except Exception as error:  # whatever a plugin raises, the other methods go on
+        except Exception as error:  # an error in a plugin must not end the comparison
             return Trial(method, *words, error=" ".join(str(error).split()) or type(error).__name__)
         if self.truth is None:
             return Trial(method, *words, result, None, score)
@@ -233,7 +235,7 @@ class _Task:
         return Trial(method, *words, result, None, score, psnr, ssim)
 
     def score(self, method: Method) -> float:
-        """Noise and scene are as all pixels tell them: the same for every method, undisturbed by holes."""
+        """The held-back score; noise and scene are those of all pixels, equal for all methods."""
         prior = prior_for(method.effort) if method.prior == "auto" else method.prior
         network = as_prior(prior).traits(self.planes.shape).network
         known = {"init": filled_start(method.init, network), "noise": self.sensor, "scene": self.scene}
@@ -264,7 +266,7 @@ class _Task:
 
 
 def _finite(value: Any) -> Any:
-    """The same with None for numbers that JSON cannot hold."""
+    """Replace numbers that are not finite, which JSON does not have, by None."""
     if isinstance(value, dict):
         return {key: _finite(item) for key, item in value.items()}
     if isinstance(value, (list, tuple)):

@@ -1,4 +1,4 @@
-"""Anytime curves: PSNR against seconds while the iterations go on, and the front that no method beats."""
+"""Anytime curves: PSNR against seconds during the iterations, and their Pareto front."""
 
 from __future__ import annotations
 
@@ -14,12 +14,12 @@ from pnp_sci.formats.replacing import replacing
 
 
 def curves(rows: Sequence[Row]) -> dict[Method, list[Moment]]:
-    """For each method its mean course over the cases; methods that were not measured on all of them are left out.
+    """Mean PSNR over the cases against mean seconds, for each method that was measured on all cases with a truth.
 
     Raises
     ------
     InputError
-        If no row has a truth.
+        If there is no such method.
     """
     known = [row for row in rows if row.psnr]
     cases = {row.case for row in known}
@@ -33,7 +33,7 @@ def curves(rows: Sequence[Row]) -> dict[Method, list[Moment]]:
 
 
 def front(all_curves: dict[Method, list[Moment]]) -> list[tuple[Moment, Method]]:
-    """What is best after how many seconds: the moments, in order, each better than all that come before it."""
+    """The Pareto front: moments in order of seconds, each with a larger PSNR than all earlier ones."""
     best: list[tuple[Moment, Method]] = []
     moments = ((moment, method) for method, own in all_curves.items() for moment in own)
     for moment, method in sorted(moments, key=lambda pair: (pair[0].seconds, -pair[0].psnr)):
@@ -43,7 +43,7 @@ def front(all_curves: dict[Method, list[Moment]]) -> list[tuple[Moment, Method]]
 
 
 def draw(path: str | Path, all_curves: dict[Method, list[Moment]]) -> None:
-    """Write the curves and their front as a picture, in the format of the path's suffix (.svg, .png, .pdf)."""
+    """Write a plot of the curves and their front, in the format of the path's suffix (.svg, .png, .pdf)."""
     from matplotlib.figure import Figure
 
     figure = Figure(figsize=(8, 5), layout="constrained")
@@ -55,7 +55,7 @@ def draw(path: str | Path, all_curves: dict[Method, list[Moment]]) -> None:
     best = [moment for moment, _ in front(all_curves)]
     axes.step(
         [m.seconds for m in best], [m.psnr for m in best], where="post", color="0.8", linewidth=6, zorder=0,
-        label="the best there is by then",
+        label="Pareto front",
     )  # fmt: skip
     axes.set(xscale="log", xlabel="seconds a measurement", ylabel="PSNR (dB), mean over the cases")
     axes.grid(color="0.9")
@@ -65,7 +65,7 @@ def draw(path: str | Path, all_curves: dict[Method, list[Moment]]) -> None:
 
 
 def front_table(all_curves: dict[Method, list[Moment]], seconds: Sequence[float] = (0.1, 0.3, 1, 3, 5, 10, 30)) -> str:
-    """The best by then, as Markdown."""
+    """The best method within each number of seconds, as a Markdown table."""
     best = front(all_curves)
     lines = ["| within | PSNR (dB) | method | iterations |", "|" + " --- |" * 4]
     for limit in seconds:

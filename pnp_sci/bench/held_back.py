@@ -1,4 +1,4 @@
-"""How good a reconstruction is, judged without the truth: by pixels of the measurement that it did not see."""
+"""Quality of a reconstruction without the truth, by cross-validation on held-back pixels of the measurement."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from pnp_sci.sensing.operator import SensingOperator
 from pnp_sci.sensing.problem import Problem
 from pnp_sci.sensing.scene_model import SceneModel
 
-FRACTION = 0.05  # of the pixels of y: on the benchmark pairs, taking them away costs most methods 0.1 to 0.3 dB of PSNR
+FRACTION = 0.05  # of the pixels of y that are held back
 
 
 def held_back_score(
@@ -27,14 +27,14 @@ def held_back_score(
     fraction: float = FRACTION,
     seed: int = 0,
 ) -> float:
-    """How well a method predicts pixels of the measurement that were kept from it, in dB: higher is better.
+    """Prediction error of a method on held-back pixels of the measurement, in dB: higher is better.
 
-    A random share H of the pixels is hidden, their masks and their y set to 0; x is reconstructed from the rest; and ::
+    A random set H of pixels is hidden: their masks and y are set to 0. The video x is reconstructed from the rest ::
 
         score = -10 log10( (mean over H of (y - Phi x)^2 - noise^2) / (white^2 * mean over H of gram) )
 
-    Were the errors of x independent from frame to frame, this would be the PSNR of x. They are not, so that the score
-    ranks methods on one measurement, and is neither a PSNR nor to be compared between measurements.
+    If the errors of x were independent from frame to frame, the score would be the PSNR of x. They are not, so the
+    score only ranks methods on one measurement. It cannot be compared between measurements.
 
     Parameters
     ----------
@@ -43,21 +43,21 @@ def held_back_score(
     y : ndarray, (H, W)
     masks : ndarray, (V, B, H, W)
     noise : float
-        Standard deviation of the noise of y, in its units. What it explains of the error is not the method's fault.
+        Standard deviation of the noise of y, in its units; its variance is subtracted from the squared error.
     white : float
-        The value of the video that counts as 1, as the peak of a PSNR.
+        Value of white in the video, as the peak of a PSNR.
     saturated : ndarray of bool, (H, W), optional
-        Pixels that are not chosen, as nobody knows what they should be predicted to be.
+        Pixels that are not hidden, as their true value is unknown.
     fraction : float
-        Share of the pixels to hide, between 0 and 1; pixels that no mask lets light to are not chosen.
+        Fraction of the pixels to hide, between 0 and 1; pixels where gram is 0 are not hidden.
     seed : int
-        Of the choice of pixels: methods are comparable if it is the same.
+        Seed of the choice of pixels; scores are comparable for equal seeds.
 
     Returns
     -------
     float
-        NaN if no pixel can be held back. An error that the noise explains altogether counts as the uncertainty of the
-        noise's own mean square, ``noise^2 * sqrt(2 / |H|)``.
+        NaN if no pixel can be hidden. The difference of squares has the lower bound ``noise^2 * sqrt(2 / |H|)``, the
+        statistical error of the mean square of the noise.
 
     Raises
     ------
@@ -99,10 +99,10 @@ def held_back_score(
 
 
 def filled_start(init: str, network: bool = False) -> Callable[[Problem, SceneModel], np.ndarray]:
-    """The first estimate of this name, but with pixels that no light reaches filled from their neighbours.
+    """The initial estimate `init`, with pixels where gram is 0 replaced by a mean of their neighbours.
 
-    For the reconstructions that are scored: a hidden pixel would start as a black hole, and the score would measure how
-    fast a method fills holes. `network` tells whether the prior is one, as "auto" must know.
+    It is for scored reconstructions, where hidden pixels would otherwise start at 0. The score would then depend on how
+    fast a method fills them. `network` is whether the prior is a network, for ``init="auto"``.
     """
 
     def start(problem: Problem, scene: SceneModel) -> np.ndarray:
@@ -118,7 +118,7 @@ def filled_start(init: str, network: bool = False) -> Callable[[Problem, SceneMo
 
 
 def _choose(usable: np.ndarray, fraction: float, seed: int) -> np.ndarray:
-    """A random choice (H, W) of so large a share of the usable pixels, at least one where there are two."""
+    """A random set of a fraction of the usable pixels, bool (H, W): at least one pixel if two are usable."""
     places = np.flatnonzero(usable)
     count = min(max(round(fraction * places.size), 1), max(places.size - 1, 0))
     chosen = np.zeros(usable.size, bool)

@@ -1,4 +1,4 @@
-"""Ways to solve, by names: what is compared, and what others type to get the same."""
+"""Reconstruction methods by name, and the Python code and command lines that reproduce them."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ from pnp_sci.sensing.sensor import Sensor
 
 @dataclass(frozen=True)
 class Source:
-    """The files that the measurement and its masks were read from, so that a row can be reproduced.
+    """The files of the measurement and the masks, to reproduce a row.
 
     Attributes
     ----------
@@ -33,30 +33,30 @@ class Source:
     index: int | None = None
 
     def python(self) -> str:
-        """Lines that read both."""
+        """Python code that reads both files."""
         y = _call("io.read_measurement", repr(str(self.measurement)), key=self.key)
         chosen = "" if self.index is None else f"[{self.index}]"
         masks = _call("io.read_masks", repr(str(self.masks)), views=self.views, key=self.masks_key)
         return f"import pnp_sci\nfrom pnp_sci import io\n\ny = {y}{chosen}\nmasks = {masks}\n"
 
     def command(self) -> list[str]:
-        """Words of the command line up to the method's own options."""
+        """Words of the command line before the options of the method."""
         options = {"views": self.views, "key": self.key, "masks_key": self.masks_key, "index": self.index}
         return ["pnp-sci", "solve", str(self.measurement), "--masks", str(self.masks), *_options(options)]
 
 
 @dataclass(frozen=True)
 class Method:
-    """A way to solve, by names, so that it can be told to others.
+    """A reconstruction method given by names.
 
     Attributes
     ----------
     prior : str or None
-        As for :func:`pnp_sci.solve`; with None the network that `init` names decodes alone.
+        As for :func:`pnp_sci.solve`; None is the decoder `init` without a solver.
     init, algorithm, effort : str
         As for :func:`pnp_sci.solve`.
     iterations : int, optional
-        At most so many; by default as `effort` says.
+        Largest number of iterations; by default that of `effort`.
     """
 
     prior: str | None
@@ -67,7 +67,7 @@ class Method:
 
     @property
     def name(self) -> str:
-        """The prior, and whatever else is not as usual.
+        """The prior, and the settings that are not the default.
 
         >>> Method("flow").name, Method("tv", init="ofanet", effort="fast").name
         ('flow', 'tv from ofanet, fast')
@@ -82,26 +82,26 @@ class Method:
         return ", ".join(words)
 
     def arguments(self) -> dict[str, Any]:
-        """For :func:`pnp_sci.solve`, or :func:`pnp_sci.decode`, as keywords."""
+        """Keyword arguments of :func:`pnp_sci.solve`, or of :func:`pnp_sci.decode` without a prior."""
         if self.prior is None:
             return {"model": self.init}
         return {key: value for key, value in asdict(self).items() if value is not None}
 
     def run(self, y: Any, masks: Any, **common: Any) -> Result:
-        """What it makes of a measurement; `common` are more arguments of :func:`pnp_sci.solve`."""
+        """Reconstruct a measurement; `common` are further arguments of :func:`pnp_sci.solve`."""
         if self.prior is None:
             return api.decode(y, masks, **self.arguments())
         return api.solve(y, masks, **self.arguments(), **common)
 
     def python(self, source: Source | None, **common: Any) -> str:
-        """A call that does the same, with `common` among its keywords; after lines that read the source, if any."""
+        """Python code of :meth:`run`, after the lines that read the source, if any."""
         read = source.python() if source else ""
         if self.prior is None:
             return f"{read}result = {_call('pnp_sci.decode', 'y', 'masks', **self.arguments())}"
         return f"{read}result = {_call('pnp_sci.solve', 'y', 'masks', **self.arguments(), **common)}"
 
     def command(self, source: Source | None, **common: Any) -> str | None:
-        """A command line that does the same, where there is one and the files are known."""
+        """Command line of :meth:`run`; None without a prior or without files."""
         if source is None or self.prior is None:
             return None
         noise = common.get("noise")
@@ -119,7 +119,7 @@ def grid(
     iterations: int | None = None,
     decoders: Iterable[str] = (),
 ) -> list[Method]:
-    """All combinations of the others, each once, after the networks that decode alone.
+    """The decoders without a solver, then all distinct combinations of the other arguments.
 
     >>> [method.name for method in grid(["tv", "flow"], efforts=["fast", "balanced"])]
     ['tv, fast', 'tv', 'flow, fast', 'flow']
@@ -130,7 +130,7 @@ def grid(
 
 
 def _call(function: str, *positional: str, **keywords: Any) -> str:
-    """The text of a call; keywords that are None are left out.
+    """Text of a function call; keywords that are None are left out.
 
     >>> _call("io.read_masks", repr("a.mat"), views=2, key=None)
     "io.read_masks('a.mat', views=2)"
@@ -140,7 +140,7 @@ def _call(function: str, *positional: str, **keywords: Any) -> str:
 
 
 def _options(settings: dict[str, Any]) -> list[str]:
-    """Words of a command line; what is None is left out.
+    """Words of a command line; options that are None are left out.
 
     >>> _options({"masks_key": "C", "views": None, "seed": 0})
     ['--masks-key', 'C', '--seed', '0']

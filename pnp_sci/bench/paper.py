@@ -1,4 +1,4 @@
-"""The tables of the OFaNet paper with ours beside them, as Markdown."""
+"""The tables of the OFaNet paper with our results, as Markdown."""
 
 from __future__ import annotations
 
@@ -22,8 +22,8 @@ OURS = (
     Method("tv"),
     Method("flow"),
     Method("tv+ffdnet"),
-    Method("video"),  # which "auto" stands for
-    Method("both", effort="best"),  # ... with the best effort
+    Method("video"),  # "auto" with the default effort
+    Method("both", effort="best"),  # "auto" with effort="best"
     Method(None, init="ofanet-fast"),
     Method(None, init="ofanet"),
 )
@@ -31,22 +31,23 @@ NETWORKS = tuple(method for method in OURS if method.prior is None)
 WITH_NOISE = tuple(method for method in OURS if method.prior != "tv+ffdnet")
 STARTS = ("adjoint", *(method.init for method in NETWORKS))
 WARM = tuple(Method(prior, init=init) for prior in ("tv", "flow", "video") for init in STARTS)
-AFTER = (5, 10, 20, 50)  # iterations that the table of warm starts shows
-AS_GOOD = 0.05  # dB below the end of the cold start
+AFTER = (5, 10, 20, 50)  # iterations: columns of the table of warm starts
+AS_GOOD = 0.05  # dB: tolerance of "as good as the end of the cold start"
 NOISES = (0.01, 0.05, 0.1, 0.2)
 ONE_VIEW = (*SINGLE_VIEW, "kobe")
-OTHERS = "Ours are averages over the videos of the pairs that are at hand, {here}; the paper's over all twelve.\n"
+OTHERS = "Our averages are over the videos of the available pairs, {here}; those of the paper are over all twelve.\n"
 LEGEND = """\
 PSNR in dB / SSIM, and seconds for one measurement.
-Plain columns: the OFaNet paper (arXiv:2109.05287, {source}), on hardware of its own, the networks on a large GPU.
+Plain columns: the OFaNet paper (arXiv:2109.05287, {source}); its networks ran on an NVIDIA RTX 8000 GPU.
 **Bold columns: pnp-sci**, measured with its defaults on two CPU cores by `pnp-sci bench --paper`.
-A dash: not measured, since the scene or the weights are not at hand.
+A dash: not measured, because the scene or the weights are not available.
 """
 WARM_START = """\
 # Warm starts
 
 Mean PSNR in dB over the videos of {pairs}, two CPU cores, by `pnp-sci bench --paper`.
-"As good": within {under} dB of where the solver ends from `adjoint`, mean of the pairs; "never" if one of them is not.
+"As good after": mean seconds until the PSNR is within {under} dB of the final PSNR of the start `adjoint`; "never" if
+that does not happen for all pairs.
 
 """
 Measured = dict[tuple[Case, Method], Row]
@@ -55,7 +56,7 @@ Columns = dict[Method, dict[str | float, Scores]]
 
 
 def plan() -> list[tuple[Case, Method]]:
-    """Every case and method that the tables need, of the scenes that are at hand."""
+    """All cases and methods of the tables, for the available scenes."""
     pairs, singles = (list(filter(_is_at_hand, names)) for names in (DUAL_VIEW_PAIRS, ONE_VIEW))
     cases = [(Case(pair), method) for method in dict.fromkeys((*OURS, *WARM)) for pair in pairs]
     cases += [(Case(name), method) for method in OURS for name in singles]
@@ -72,7 +73,7 @@ def _is_at_hand(scene: str) -> bool:
 
 
 def write(folder: Path, rows: Sequence[Row]) -> list[Path]:
-    """One Markdown file a table; what is not among the rows shows as a dash."""
+    """Write one Markdown file per table to `folder`; missing rows are shown as dashes. Returns the paths."""
     folder.mkdir(parents=True, exist_ok=True)
     measured = {(row.case, row.method): row for row in rows}
     pages = {"dual-view": dual_view, "frames": frames, "noise": noise, "single-view": single_view, "ablation": ablation}
@@ -86,14 +87,14 @@ def write(folder: Path, rows: Sequence[Row]) -> list[Path]:
 
 
 def dual_view(measured: Measured) -> str:
-    """Table 2: each video, then the averages over those that are at hand."""
+    """Table 2: each video, then the averages over the available videos."""
     columns = {method: _by_video(measured, DUAL_VIEW_PAIRS, method) for method in OURS}
     seconds = {method: _seconds(measured, DUAL_VIEW_PAIRS, method) for method in OURS}
     return _page(DUAL_VIEW, columns, seconds, "video")
 
 
 def single_view(measured: Measured) -> str:
-    """Table 6."""
+    """Table 6: single view."""
     columns: Columns = {method: {} for method in OURS}
     for name, method in product(ONE_VIEW, OURS):
         if row := measured.get((Case(name), method)):
@@ -102,26 +103,26 @@ def single_view(measured: Measured) -> str:
 
 
 def frames(measured: Measured) -> str:
-    """Table 4: averages; the paper's are over twelve videos, ours over the six that are at hand."""
+    """Table 4: averages by number of frames, the paper's over twelve videos and ours over the available ones."""
     columns = {m: _known({6.0: _mean(measured, m, frames=6), 10.0: _mean(measured, m)}) for m in OURS}
     return _page(FRAMES, columns, {}, "frames", OTHERS.format(here=", ".join(_pairs(measured))))
 
 
 def noise(measured: Measured) -> str:
-    """Table 5: averages, as in :func:`frames`."""
+    """Table 5: averages by noise, over the same videos as in :func:`frames`."""
     columns = {m: _known({n: _mean(measured, m, noise=n or None) for n in (0.0, *NOISES)}) for m in WITH_NOISE}
     return _page(NOISE, columns, {}, "noise", OTHERS.format(here=", ".join(_pairs(measured))))
 
 
 def ablation(measured: Measured) -> str:
-    """Table 3: of ours there are weights for DA&DNS ("w/o RN") and OFaNet."""
+    """Table 3: the variants of OFaNet, of which we have weights for DA&DNS ("w/o RN") and OFaNet."""
     columns = {method: _by_video(measured, DUAL_VIEW_PAIRS, method) for method in NETWORKS}
     seconds = {method: _seconds(measured, DUAL_VIEW_PAIRS, method) for method in NETWORKS}
     return _page(ABLATION, columns, seconds, "video")
 
 
 def warm_start(measured: Measured) -> str:
-    """No table of the paper: what the network's videos are worth as the first estimate of a solver."""
+    """Decoders as the initial estimate of a solver (not a table of the paper)."""
     heads = ["prior, first estimate", *(f"after {n}" for n in AFTER), "end", "seconds", "as good after"]
     lines = [f"| {' | '.join(heads)} |", "|" + " --- |" * len(heads)]
     pairs = _pairs(measured)
@@ -139,12 +140,12 @@ def warm_start(measured: Measured) -> str:
 
 
 def _after(row: Row, iterations: int) -> float:
-    """PSNR after so many iterations, or at the end if there were fewer."""
+    """PSNR in dB after this number of iterations, or the last one if there are fewer."""
     return next(p.psnr for p in reversed(row.course) if p.iteration <= iterations)  # type: ignore[return-value]
 
 
 def _as_good(row: Row, cold: Row) -> float:
-    """Seconds until a row comes near the end of a cold start."""
+    """Seconds until a row is within AS_GOOD of the final PSNR of the cold start; inf if it never is."""
     goal = float(np.mean(cold.psnr)) - AS_GOOD
     return next((point.seconds for point in row.course if point.psnr is not None and point.psnr >= goal), np.inf)
 
@@ -166,14 +167,14 @@ def _known(cells: dict[float, Scores | None]) -> dict[str | float, Scores]:
 
 
 def _mean(measured: Measured, method: Method, noise: float | None = None, frames: int | None = None) -> Scores | None:
-    """Over the pairs that are at hand, if all were measured."""
+    """Mean over the available pairs; None if one of them was not measured."""
     rows = [measured.get((Case(pair, noise, frames), method)) for pair in _pairs(measured)]
     known = [_scores(row) for row in rows if row is not None]
     return _average(known) if known and len(known) == len(rows) else None
 
 
 def _pairs(measured: Measured) -> list[str]:
-    """Those at hand: of the others there is no row."""
+    """The available pairs: those with a row."""
     return [pair for pair in DUAL_VIEW_PAIRS if any(case.scene == pair for case, _ in measured)]
 
 
@@ -188,7 +189,7 @@ def _seconds(measured: Measured, names: Sequence[str], method: Method) -> float 
 
 
 def _page(table: Table, columns: Columns, seconds: dict[Method, float | None], first: str, remark: str = "") -> str:
-    """The paper's columns, then ours with heads in bold; last, averages over the videos that are at hand."""
+    """A page with the paper's columns and then ours in bold; the last lines are averages over the available videos."""
     heads = [*table.columns, *(f"**{method.name}**" for method in columns)]
     lines = [f"| {first} | {' | '.join(heads)} |", "|" + " --- |" * (len(heads) + 1)]
     for row in table.rows:

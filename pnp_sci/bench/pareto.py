@@ -1,4 +1,4 @@
-"""Quality against seconds: which methods no other one beats, and the chart that shows it as SVG."""
+"""The Pareto front of quality against seconds, and its SVG chart."""
 
 from __future__ import annotations
 
@@ -7,10 +7,10 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any
 
-WIDTH, HEIGHT = 480, 320  # of the drawing, in its own units; the page scales it
-LEFT, RIGHT, TOP, BOTTOM = 52, 16, 14, 44  # margins
-TEXT = 14  # height of a letter; its mean width is about half
-ASIDE = ((7, -6, "start"), (7, 17, "start"), (-7, -6, "end"), (-7, 17, "end"))  # where a name may stand: off the lines
+WIDTH, HEIGHT = 480, 320  # size of the drawing in SVG units
+LEFT, RIGHT, TOP, BOTTOM = 52, 16, 14, 44  # margins in SVG units
+TEXT = 14  # height of a letter in SVG units; its mean width is about half
+ASIDE = ((7, -6, "start"), (7, 17, "start"), (-7, -6, "end"), (-7, 17, "end"))  # offsets and anchors of a label
 
 
 @dataclass(frozen=True)
@@ -23,7 +23,7 @@ class Point:
 
 
 def front(points: Sequence[Point]) -> list[bool]:
-    """For each point, whether no other is better in one respect and no worse in the other.
+    """Whether each point is on the Pareto front: no other is better in one respect and at least as good in the other.
 
     >>> front([Point("tv", 1, 24), Point("flow", 6, 26), Point("wavelet", 3, 23)])
     [True, True, False]
@@ -37,9 +37,9 @@ def front(points: Sequence[Point]) -> list[bool]:
 
 
 def chart(points: Sequence[Point]) -> dict[str, Any]:
-    """Where everything of the chart lies, for the template: ticks, points with their names, the line of the front.
+    """Coordinates of the chart for the template: ticks, points with their labels, and the line of the front.
 
-    Seconds are on a logarithmic axis. Names stand where they cover no point and no other name, if there is room.
+    The axis of seconds is logarithmic. Labels do not overlap points or other labels; without room they are left out.
     """
     best = front(points)
     seconds = _seconds_ticks([p.seconds for p in points])
@@ -70,7 +70,7 @@ def chart(points: Sequence[Point]) -> dict[str, Any]:
 
 
 def _seconds_ticks(values: Sequence[float]) -> list[float]:
-    """1, 2 and 5 times powers of ten that enclose the values, at least a factor of two apart.
+    """Ticks that enclose the values: 1, 2 and 5 times powers of ten.
 
     >>> _seconds_ticks([0.3, 6])
     [0.2, 0.5, 1.0, 2.0, 5.0, 10.0]
@@ -84,7 +84,7 @@ def _seconds_ticks(values: Sequence[float]) -> list[float]:
 
 
 def _quality_ticks(values: Sequence[float]) -> list[float]:
-    """Round numbers that enclose the values, four to nine of them.
+    """Ticks that enclose the values: equidistant round numbers.
 
     >>> _quality_ticks([21.3, 25.9])
     [21, 22, 23, 24, 25, 26]
@@ -96,7 +96,7 @@ def _quality_ticks(values: Sequence[float]) -> list[float]:
 
 
 def _labels(points: Sequence[Point], places: Sequence[tuple[float, float]]) -> list[dict[str, Any] | None]:
-    """For each point where its name stands (x, y, anchor), or None where there is no room."""
+    """Position of the label of each point (x, y, anchor), or None without room."""
     taken = [(x - 6, y - 6, x + 6, y + 6) for x, y in places]
     labels: list[dict[str, Any] | None] = []
     for point, (x, y) in zip(points, places):

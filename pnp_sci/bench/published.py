@@ -1,20 +1,20 @@
-"""What the OFaNet paper reports, as printed there, to set beside our own figures.
+"""Results of the OFaNet paper, as printed there.
 
 R. Lu, B. Chen, G. Liu, Z. Cheng, M. Qiao and X. Yuan, "Dual-view Snapshot Compressive Imaging via Optical Flow Aided
 Recurrent Neural Network", 2021, arXiv:2109.05287. Tables are numbered in the order of the arXiv source, where Table 1
 is the network's architecture.
 
-PSNR is in dB, seconds are per measurement. "The experiments are conducted on a NVIDIA RTX 8000 GPU"; on what GAP-TV,
-PnP-TV-FFD and DeSCI ran, the paper does not say. Videos have the names of this project: the pair ``bear_blackswan`` has
-the rows ``bear`` and ``blackswan``. ADMM-net, which two tables call ADMMnet, has one name.
+PSNR is in dB, seconds are per measurement. "The experiments are conducted on a NVIDIA RTX 8000 GPU"; the paper does not
+name the hardware of GAP-TV, PnP-TV-FFD and DeSCI. Videos have the names of this project: the pair ``bear_blackswan``
+has the rows ``bear`` and ``blackswan``. ADMM-net, which two tables call ADMMnet, has one name.
 
-Where the paper disagrees with itself, the numbers are left as printed:
+Inconsistent numbers of the paper are unchanged:
 
 - Averages that are not the mean of their column: PnP-TV-FFD 22.54 dB (mean 22.45, Table 2); in Table 6 U-net 29.26 dB
   (29.60) and GAP-TV 0.858 (0.851).
 - ADMM-net at B = 10 takes 0.0629 s in Table 2 and 0.0680 s in Table 4.
-- Bold print has OFaNet as the best of every row of Tables 2 and 4, but DeSCI has more on ``bike`` and ``bus`` (PSNR and
-  SSIM) and at B = 6 (SSIM).
+- OFaNet is printed in bold as the best of every row of Tables 2 and 4, but DeSCI has larger values on ``bike`` and
+  ``bus`` (PSNR and SSIM) and at B = 6 (SSIM).
 
 Examples
 --------
@@ -35,7 +35,7 @@ AVERAGE = "average"
 
 
 class Score(NamedTuple):
-    """One cell: PSNR in dB, SSIM, and seconds per measurement where the paper gives them."""
+    """One cell: PSNR in dB, SSIM, and seconds per measurement if the paper has them."""
 
     psnr: float
     ssim: float
@@ -50,9 +50,9 @@ class Table:
     ----------
     title : str
     source : str
-        Which table of the paper.
+        Number of the table in the paper.
     values : dict
-        ``values[row][method]``, both in the paper's order. A row is a video or ``AVERAGE``, a number of frames, or a
+        ``values[row][method]``, both in the paper's order. A row is a video, ``AVERAGE``, a number of frames, or a
         standard deviation of noise.
     """
 
@@ -62,7 +62,7 @@ class Table:
 
     @property
     def rows(self) -> tuple[str | float, ...]:
-        """Videos and ``AVERAGE``, numbers of frames, or standard deviations of noise."""
+        """The rows: videos and ``AVERAGE``, numbers of frames, or standard deviations of noise."""
         return tuple(self.values)
 
     @property
@@ -72,7 +72,7 @@ class Table:
 
 
 def _values(methods: str, text: str) -> dict[str | float, dict[str, Score]]:
-    """Lines of a row's name and PSNR and SSIM per method; a line ``seconds`` belongs to the row above it."""
+    """Parse a table: lines of a name, then PSNR and SSIM of each method; ``seconds`` belongs to the line above it."""
     columns = methods.split(", ")
     values: dict[str | float, dict[str, Score]] = {}
     row: str | float = ""
@@ -111,8 +111,8 @@ DUAL_VIEW = Table(
     ),
 )
 
-# Without: diversity amplifier, dual-net separator, refine net, optical flow, backward flow, joint training of the flow.
-# The source prints w/o DA on boy as "0.5 5".
+# Without diversity amplifier, dual-net separator, refine net, optical flow, backward flow, joint training of the flow.
+# In the source, the SSIM of w/o DA on boy is "0.5 5".
 ABLATION = Table(
     "Variants of OFaNet, dual view, B = 10, no noise",
     "Table 3",
@@ -137,7 +137,7 @@ ABLATION = Table(
     ),
 )
 
-# The rows are B, the frames of each view. DA&DNS is "w/o RN" of the ablation.
+# The rows are the number of frames B of each view. DA&DNS is "w/o RN" of the ablation.
 FRAMES = Table(
     "Dual view by number of frames, average of the twelve videos, no noise",
     "Table 4",
@@ -154,8 +154,8 @@ FRAMES = Table(
     ),
 )
 
-# The rows are the standard deviation of Gaussian noise added to "measurements ... normalized to [0, 1]". The networks
-# were not trained on noise.
+# The rows are the standard deviation of Gaussian noise, relative to measurements normalised to [0, 1]. The networks
+# were trained without noise.
 NOISE = Table(
     "Dual view by noise, B = 10, average of the twelve videos",
     "Table 5",

@@ -1,4 +1,4 @@
-"""A comparison as one HTML file that works without a network: pictures, plot, styles and script are in it."""
+"""A comparison as one self-contained HTML file, with pictures, plot, styles and script."""
 
 from __future__ import annotations
 
@@ -16,19 +16,19 @@ from PIL import Image
 from pnp_sci.bench.pareto import Point, chart
 from pnp_sci.formats.replacing import replacing
 
-BUDGET = 10 * 2**20  # bytes of pictures; a third more as base64, so that the file stays below 15 MB
-ENCODINGS = ((1, None), (1, 90), (1, 70), (2, 70), (4, 70), (8, 70))  # shrunk by, WebP quality (None: PNG, no loss)
-CLOSE = 1.0  # dB below the best that a reader in a hurry may accept
+BUDGET = 10 * 2**20  # bytes of pictures; base64 adds a third, so the file is below 15 MB
+ENCODINGS = ((1, None), (1, 90), (1, 70), (2, 70), (4, 70), (8, 70))  # divisor of the size, WebP quality (None: PNG)
+CLOSE = 1.0  # dB below the best method, within which the summary names the fastest one
 
 
 def write(path: str | Path, comparison: Any, title: str) -> None:
-    """Write the report; a write that is interrupted leaves the file that was there before as it was."""
+    """Write the report of a :class:`~pnp_sci.bench.Comparison` atomically."""
     with replacing(Path(path)) as temporary:
         temporary.write_text(render(comparison, title), encoding="utf-8")
 
 
 def render(comparison: Any, title: str) -> str:
-    """The text of the report. Whatever comes from outside, such as names of files, is escaped.
+    """The HTML text of the report. Texts from outside, such as file names, are escaped.
 
     Examples
     --------
@@ -77,7 +77,7 @@ def render(comparison: Any, title: str) -> str:
 
 
 def _summary(points: list[Point], quality: str) -> str:
-    """Which method is best, and which comes close in less time."""
+    """A sentence on the best method, and one on the fastest method of similar quality."""
     if not points:
         return "No method could be scored."
     best = max(points, key=lambda point: point.quality)
@@ -91,9 +91,9 @@ def _summary(points: list[Point], quality: str) -> str:
 
 
 def _encode(videos: list[np.ndarray]) -> tuple[list[list[list[str]]], str]:
-    """Data URIs of all frames, [video][view][frame], in the best encoding that stays within the budget; its name."""
+    """Data URIs of all frames, [video][view][frame], in the best encoding within BUDGET, and the name of it."""
     for shrink, quality in ENCODINGS:
-        kind = "as they are, in 8 bits" if quality is None else f"compressed with loss (WebP, quality {quality})"
+        kind = "without loss, in 8 bits" if quality is None else f"compressed with loss (WebP, quality {quality})"
         name = kind if shrink == 1 else f"{kind}, shrunk by {shrink}"
         if _estimate(videos, shrink, quality) <= BUDGET:
             break
@@ -101,7 +101,7 @@ def _encode(videos: list[np.ndarray]) -> tuple[list[list[list[str]]], str]:
 
 
 def _estimate(videos: list[np.ndarray], shrink: int, quality: int | None) -> float:
-    """Bytes of all frames, from one of each view."""
+    """Estimated bytes of all frames, from one frame of each view."""
     samples = ((len(view), view[len(view) // 2]) for view in _views(videos))
     return sum(count * len(_compress(frame, shrink, quality)) for count, frame in samples)
 
@@ -117,7 +117,7 @@ def _picture(frame: np.ndarray, shrink: int, quality: int | None) -> str:
 
 
 def _compress(frame: np.ndarray, shrink: int, quality: int | None) -> bytes:
-    """A frame (H, W) of values in [0, 1] as a file in memory."""
+    """A frame (H, W), clipped to [0, 1], as the content of an image file."""
     grey = np.nan_to_num(np.clip(frame, 0, 1) * 255).round().astype(np.uint8)
     file, image = BytesIO(), Image.fromarray(grey).reduce(shrink)
     if quality is None:
@@ -128,6 +128,6 @@ def _compress(frame: np.ndarray, shrink: int, quality: int | None) -> bytes:
 
 
 def _stretched(y: np.ndarray) -> np.ndarray:
-    """From the darkest pixel to the brightest."""
+    """Map the range of y to [0, 1]."""
     low, high = float(y.min()), float(y.max())
     return (y - low) / ((high - low) or 1.0)

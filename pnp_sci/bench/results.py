@@ -1,4 +1,4 @@
-"""Rows kept in a file from one run of the bench to the next, and as a table for other software."""
+"""Storage of benchmark rows as JSON, and as a CSV table for other software."""
 
 from __future__ import annotations
 
@@ -13,23 +13,23 @@ from pnp_sci.bench.runner import Row
 from pnp_sci.errors import FormatError
 from pnp_sci.formats.replacing import replacing
 
-COLUMNS = ("case", "noise", "frames", "prior", "init", "algorithm", "effort", "limit")  # then a checkpoint's own
+COLUMNS = ("case", "noise", "frames", "prior", "init", "algorithm", "effort", "limit")  # first columns
 
 
 class Results:
-    """Rows in a JSON file, written anew after each, so that a run that is killed goes on where it was.
+    """Rows in a JSON file that is written after each row, so that a run can be continued.
 
-    Beside ``results.json`` there is always ``results.csv``, with a line for each case, method and checkpoint.
+    A file ``results.csv`` beside ``results.json`` has a line for each case, method and checkpoint.
 
     Parameters
     ----------
     path : path
-        Of the JSON file; what is in it is read.
+        The JSON file; its rows are read if it exists.
 
     Raises
     ------
     FormatError
-        If the file holds something else.
+        If the file has another content.
     """
 
     def __init__(self, path: str | Path):
@@ -37,11 +37,11 @@ class Results:
         self.rows: list[Row] = read(self.path) if self.path.exists() else []
 
     def find(self, case: Case, method: Method) -> Row | None:
-        """The row of this case and method, if it is there."""
+        """The row of this case and method, or None."""
         return next((row for row in self.rows if (row.case, row.method) == (case, method)), None)
 
     def add(self, row: Row) -> None:
-        """Keep a row, in both files; one of the same case and method gives way."""
+        """Store a row in both files; it replaces a row of the same case and method."""
         self.rows = [r for r in self.rows if (r.case, r.method) != (row.case, row.method)] + [row]
         lines = ",\n".join(json.dumps(asdict(row)) for row in self.rows)
         with replacing(self.path) as temporary:
@@ -62,7 +62,7 @@ class Results:
 
 
 def read(path: str | Path) -> list[Row]:
-    """The rows of a file of :class:`Results`; FormatError if it is another."""
+    """Read the rows of a file of :class:`Results`; raises a FormatError for other content."""
     try:
         return [Row.from_dict(row) for row in json.loads(Path(path).read_text(encoding="utf-8"))["rows"]]
     except (ValueError, KeyError, TypeError) as error:

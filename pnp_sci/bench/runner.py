@@ -1,4 +1,4 @@
-"""Measure one method on one case, in a process of its own: only there does peak memory mean something."""
+"""Measurement of one method on one case, in a separate process so that the peak memory is that of the method."""
 
 from __future__ import annotations
 
@@ -23,20 +23,20 @@ from pnp_sci.errors import SolverError
 from pnp_sci.results.history import Record
 from pnp_sci.results.result import Result
 
-KEPT = 5  # iterations between two checkpoints, after the first ten
+KEPT = 5  # iterations from one checkpoint to the next, after the first ten
 
 
 @dataclass(frozen=True)
 class Checkpoint:
-    """Where a solver was on its way: means over the measurements of the case.
+    """State of a solver after an iteration: means over the measurements of the case.
 
     Attributes
     ----------
     iteration : int
     seconds : float
-        For one measurement, from the call on, without loading and compiling and without the metrics.
+        Time for one measurement since the call, without loading, compilation and metrics.
     psnr : float or None
-        Mean over the views; None where no truth is known.
+        Mean over the views in dB; None without truth.
     residual : float
         ``||y - Phi x|| / ||y||``
     """
@@ -49,7 +49,7 @@ class Checkpoint:
 
 @dataclass(frozen=True)
 class Row:
-    """One line of the table.
+    """The result of one method on one case.
 
     Attributes
     ----------
@@ -59,19 +59,18 @@ class Row:
         (V, B, H, W)
     status : str
     iterations : int
-        Of the last measurement.
+        Number for the last measurement.
     psnr, ssim : tuple of float
-        One value per view, mean over the measurements; empty where no truth is known.
+        One value per view, mean over the measurements; empty without truth.
     seconds : tuple of float
-        For one measurement, of each repetition, without loading and compiling.
+        Time for one measurement in each repetition, without loading and compilation.
     loading : float
-        Seconds by which the first call of a process is longer.
+        Additional seconds of the first call in a process.
     peak_mib : float or None
-        Largest resident memory of the whole process, interpreter, libraries and metrics included; None where it is not
-        known.
+        Largest resident memory of the process in MiB, including interpreter, libraries and metrics; None if unknown.
     course : tuple of Checkpoint
     settings : dict
-        What reproduces the result, see `Result.settings`.
+        See `Result.settings`.
     machine : dict
         See :func:`machine`.
     """
@@ -92,26 +91,30 @@ class Row:
 
     @classmethod
     def from_dict(cls, row: dict[str, Any]) -> Row:
-        """The row that ``asdict`` made a dict of, and perhaps JSON."""
+        """Convert a dict, made by ``asdict`` or read from JSON, to a row."""
         lists = {key: tuple(row[key]) for key in ("shape", "psnr", "ssim", "seconds")}
         course = tuple(Checkpoint(**point) for point in row["course"])
         return cls(**{**row, **lists, "case": Case(**row["case"]), "method": Method(**row["method"]), "course": course})
 
 
 def run(case: Case, method: Method, repeat: int = 1) -> Row:
-    """Measure in a new process.
+    """Measure a method on a case in a new process.
 
     Parameters
     ----------
     case : Case
     method : Method
     repeat : int
-        How often to measure the time, at least 1.
+        Number of time measurements, at least 1.
+
+    Returns
+    -------
+    Row
 
     Raises
     ------
     SolverError
-        If the process fails; the message is its last line.
+        If the process fails; the message is the last line of its error output.
     """
     request = json.dumps({"case": asdict(case), "method": asdict(method), "repeat": repeat})
     done = subprocess.run([sys.executable, "-m", "pnp_sci.bench", request], capture_output=True, text=True)
@@ -122,15 +125,15 @@ def run(case: Case, method: Method, repeat: int = 1) -> Row:
 
 
 def measure(case: Case, method: Method, repeat: int = 1) -> Row:
-    """As :func:`run`, in this process: peak memory is that of all it has done."""
+    """As :func:`run`, but in this process; the peak memory is that of the process so far."""
     scene = case.load()
     count = len(scene.y) if scene.y.ndim == 3 else 1
     small = embedded_scene(64)
-    loading = _seconds(lambda: method.run(small.y, small.masks))  # loads and compiles
+    loading = _seconds(lambda: method.run(small.y, small.masks))  # with loading and compilation
     loading -= _seconds(lambda: method.run(small.y, small.masks))
     one = scene.y.reshape(-1, *scene.y.shape[-2:])[0]
     brief = method if method.prior is None else replace(method, iterations=1)
-    brief.run(one, scene.masks)  # compiles what small arrays do not use
+    brief.run(one, scene.masks)  # compiles kernels that small arrays do not use
     results = [method.run(scene.y, scene.masks, reference=scene.truth) for _ in range(repeat)]
     seconds = tuple(result.settings["seconds"] / count for result in results)
     peak = _peak_mib()
@@ -143,7 +146,7 @@ def measure(case: Case, method: Method, repeat: int = 1) -> Row:
 
 
 def _course(result: Result, count: int, psnr: Sequence[float]) -> tuple[Checkpoint, ...]:
-    """Means over the measurements; what comes before and after the iterations counts as before them."""
+    """Checkpoints, means over the measurements; the time outside the iterations is added before the first one."""
     films = [[record for record in result.history if record.measurement == n] for n in range(count)]
     before = result.settings["seconds"] / count - float(np.mean([film[-1].seconds for film in films]))
     last = max(film[-1].iteration for film in films)
@@ -160,7 +163,7 @@ def _course(result: Result, count: int, psnr: Sequence[float]) -> tuple[Checkpoi
 
 
 def machine() -> dict[str, Any]:
-    """On what something was measured: the computer, how quick it is, and the versions of what computed it."""
+    """Description of the computer, its speed, and the versions of the software; values for JSON."""
     from importlib.metadata import PackageNotFoundError, version
 
     import numba
@@ -184,7 +187,7 @@ def machine() -> dict[str, Any]:
 
 
 def _revision() -> str | None:
-    """The commit of the sources, with a + if they have been changed since; None where they are not in a repository."""
+    """The commit of the sources, with a + if they have changes; None outside a repository."""
     try:
         done = subprocess.run(
             ["git", "describe", "--always", "--dirty=+"], cwd=Path(__file__).parent, capture_output=True, text=True
@@ -195,7 +198,7 @@ def _revision() -> str | None:
 
 
 def as_markdown(rows: Iterable[Row]) -> str:
-    """A table; views are parted by a slash, seconds are the median and the spread."""
+    """Rows as a Markdown table; views are separated by a slash, seconds are median and range."""
     lines = ["| case | method | PSNR (dB) | SSIM | seconds | peak MiB | iterations | status |", "|" + " --- |" * 8]
     for row in rows:
         spread = f" ({min(row.seconds):.2f}-{max(row.seconds):.2f})" if len(row.seconds) > 1 else ""
@@ -214,7 +217,7 @@ def as_markdown(rows: Iterable[Row]) -> str:
 
 
 def scores(x: np.ndarray, truth: np.ndarray | None) -> tuple[tuple[float, ...], tuple[float, ...]]:
-    """PSNR and SSIM of each view, mean over the measurements; empty without truth.
+    """PSNR in dB and SSIM of each view, mean over the measurements; empty without truth.
 
     >>> scores(np.zeros((3, 2, 1, 16, 16)), np.zeros((3, 2, 1, 16, 16)))
     ((inf, inf), (1.0, 1.0))
@@ -236,7 +239,7 @@ def _seconds(call: Any) -> float:
 
 
 def _peak_mib() -> float | None:
-    """The high-water mark of this program; on Linux, ru_maxrss is no less than the parent's was when it forked."""
+    """Largest resident memory of this process in MiB, or None. On Linux, ru_maxrss includes the parent at the fork."""
     status = Path("/proc/self/status")
     if status.exists():
         lines = dict(line.split(":", 1) for line in status.read_text().splitlines())
@@ -245,5 +248,5 @@ def _peak_mib() -> float | None:
         import resource
     except ImportError:  # Windows
         return None
-    unit = 1 if sys.platform == "darwin" else 1024  # bytes there, KiB elsewhere
+    unit = 1 if sys.platform == "darwin" else 1024  # bytes on macOS, KiB elsewhere
     return resource.getrusage(resource.RUSAGE_SELF).ru_maxrss * unit / 2**20

@@ -55,9 +55,10 @@ def bench(
     markdown: Path | None,
     curves: Path | None,
 ) -> None:
-    """Measure methods on cases: PSNR, SSIM, seconds, peak memory; each row in a process of its own.
+    """Measure methods on cases: PSNR, SSIM, seconds, memory.
 
-    Methods are the --decoders, and all combinations of --priors, --inits, --algorithms and --efforts.
+    Each row is measured in a process of its own. Methods are the --decoders, and all combinations of --priors, --inits,
+    --algorithms and --efforts.
     """
     from tqdm.auto import tqdm
 

@@ -55,11 +55,11 @@ def compare(
     html_file: Path | None,
     json_file: Path | None,
 ) -> None:
-    """Try all combinations of priors, first estimates, algorithms and efforts on MEASUREMENT.
+    """Compare methods on MEASUREMENT.
 
-    Prints seconds, residual and a score that needs no truth (higher is better: pixels of the measurement that were
-    kept from a method are predicted); PSNR and SSIM where the truth is given. Exit code 1 if one of them fails; the
-    others are reported all the same.
+    All combinations of priors, first estimates, algorithms and efforts are tried. Prints seconds, residual and a score
+    that needs no truth (higher is better: pixels of the measurement that were kept from a method are predicted); PSNR
+    and SSIM where the truth is given. Exit code 1 if one of them fails; the others are reported all the same.
     """
     sensor = camera(noise, gain, full_scale, bits)
     from pnp_sci import bench, io

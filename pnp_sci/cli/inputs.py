@@ -28,6 +28,7 @@ class Output(click.Path):
         self.suffixes = suffixes
 
     def convert(self, value: Any, param: click.Parameter | None, ctx: click.Context | None) -> Any:
+        """The path, if it can be written to."""
         path = Path(super().convert(value, param, ctx))  # type: ignore[arg-type]
         if not path.parent.is_dir():
             self.fail(f"{path}: there is no folder {path.parent}", param, ctx)

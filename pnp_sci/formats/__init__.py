@@ -1,1 +1,1 @@
-"""Files of the field as arrays."""
+"""Readers and writers of file formats."""

@@ -1,6 +1,6 @@
-"""Files as arrays: one reader and one writer per format, planes always first in memory.
+"""Files as arrays: one reader and one writer per format; in memory, planes come first.
 
-MAT-files hold planes last, (H, W, K) and (H, W, B, V), as MATLAB users expect; reading and writing turn them.
+In MAT-files planes come last, (H, W, K) and (H, W, B, V); readers and writers transpose them.
 """
 
 from __future__ import annotations
@@ -15,21 +15,31 @@ from typing import Any
 
 import numpy as np
 
-from pnp_sci.errors import FormatError, InputError, InputTypeError
+from pnp_sci._optional import needed_for
+from pnp_sci.errors import FormatError, InputError, InputTypeError, MissingExtraError
 from pnp_sci.formats import mat as _mat
 
-ONLY = "array"  # key of formats that hold one array without a name
+ONLY = "array"  # key of the array in formats that hold one array without a name
 MAT = {".mat"}
 NUMPY_LIKE = {".npy", ".npz", ".h5", ".hdf5"}
 VIDEO = {".mp4", ".avi", ".mov", ".mkv", ".gif"}
-CONTAINERS = {".npz", ".mat", ".h5", ".hdf5"}  # of several named arrays
-PLANES_FIRST_IN_MAT = {"pic"}  # BIRNAT's published results
+CONTAINERS = {".npz", ".mat", ".h5", ".hdf5"}  # formats with several named arrays
+HDF5_SIGNATURE = b"\x89HDF\r\n\x1a\n"
+PLANES_FIRST_IN_MAT = {"pic"}  # names of arrays with planes first in MAT-files, as in BIRNAT's published results
 
 Arrays = dict[str, np.ndarray]
 
 
 def load(path: Path) -> Arrays:
-    """All numeric arrays of a file; FormatError if it cannot be read, FileNotFoundError if it is not there."""
+    """All numeric arrays of a file or a folder of PNGs, by name.
+
+    Raises
+    ------
+    FileNotFoundError
+        If the file does not exist.
+    FormatError
+        If it cannot be read.
+    """
     if not path.exists():
         raise FileNotFoundError(f"{path}: there is no such file or folder")
     suffix = "folder" if path.is_dir() else path.suffix.lower()
@@ -37,27 +47,35 @@ def load(path: Path) -> Arrays:
         raise FormatError(f"{path}: cannot read {suffix or 'files without suffix'}; known are {', '.join(_READERS)}")
     try:
         arrays = _READERS[suffix](path)
-    except (FormatError, PermissionError):
+    except (FormatError, MissingExtraError, PermissionError):
         raise
     except Exception as error:  # each library has its own exceptions for a damaged file
         reason = (str(error) or type(error).__name__).splitlines()[0]
         raise FormatError(f"{path} cannot be read, it may be damaged: {reason}") from error
-    # names that are no UTF-8 come from h5py as bytes
+    # h5py returns names that are not UTF-8 as bytes
     return {str(key): np.ascontiguousarray(a) for key, a in arrays.items() if a.dtype.kind in "biuf" and a.size}
 
 
 def save(path: Path, arrays: Arrays) -> None:
-    """Write arrays in the format that the suffix of `path` names."""
+    """Write arrays in the format of the suffix of `path`.
+
+    Raises
+    ------
+    FormatError
+        If the format is unknown.
+    InputError
+        If there are several arrays and the format holds one.
+    """
     suffix = path.suffix.lower()
     if suffix not in _WRITERS:
         raise FormatError(f"{path}: cannot write {suffix}; known are {', '.join(filter(None, _WRITERS))}, and folders")
     if suffix not in CONTAINERS and set(arrays) != {ONLY}:
-        raise InputError(f"{path}: {suffix} holds a single array without name, but a mapping came")
+        raise InputError(f"{path}: {suffix} holds a single array without name, but a mapping was given")
     _WRITERS[suffix](path, arrays)
 
 
 def eight_bit(frames: np.ndarray) -> np.ndarray:
-    """Frames as uint8: floats are clipped to [0, 1] and scaled to 0..255, bool becomes 0 and 255, uint8 stays."""
+    """Frames as uint8: floats are clipped to [0, 1] and scaled to 0..255, bool becomes 0 and 255."""
     if frames.dtype == np.uint8:
         return frames
     if frames.dtype != bool and frames.dtype.kind != "f":
@@ -66,8 +84,9 @@ def eight_bit(frames: np.ndarray) -> np.ndarray:
 
 
 def save_video(path: Path, frames: np.ndarray, fps: float) -> None:
-    """MP4 (H.264), AVI (uncompressed grey) or GIF from (B, H, W); AVI and GIF keep 8-bit values exactly."""
-    import imageio_ffmpeg
+    """Write frames (B, H, W) as MP4 (H.264), AVI (uncompressed grey) or GIF; AVI and GIF are exact for 8 bits."""
+    with needed_for("writing a video", "video"):
+        import imageio_ffmpeg
 
     if frames.ndim != 3 or frames.size == 0:
         raise InputError(f"frames has shape {frames.shape}: (frames, rows, columns) was expected")
@@ -100,10 +119,10 @@ def save_video(path: Path, frames: np.ndarray, fps: float) -> None:
 
 
 def _load_mat(path: Path) -> Arrays:
-    import h5py
     import scipy.io
 
-    if h5py.is_hdf5(path):  # v7.3, seen by h5py with its axes reversed
+    if _is_hdf5(path):  # v7.3, seen by h5py with its axes reversed
+        h5py = _h5py()
         with h5py.File(path) as file:
             sets = {key: item for key, item in file.items() if isinstance(item, h5py.Dataset)}
             arrays = {
@@ -119,7 +138,7 @@ def _load_mat(path: Path) -> Arrays:
 
 
 def _planes_first(array: np.ndarray) -> np.ndarray:
-    """(H, W, K) -> (K, H, W), (H, W, B, V) -> (V, B, H, W)."""
+    """Transpose (H, W, K) to (K, H, W), or (H, W, B, V) to (V, B, H, W)."""
     return array.transpose(*range(array.ndim - 1, 1, -1), 0, 1) if array.ndim > 2 else array
 
 
@@ -128,9 +147,22 @@ def _save_mat(path: Path, arrays: Arrays) -> None:
 
     for key, a in arrays.items():
         if a.ndim < 2 or a.dtype in (np.float16, np.longdouble):
-            raise InputTypeError(f"{key} is {a.dtype} {a.shape}: MAT-files have no such arrays, only 2-D and more")
+            raise InputTypeError(f"{key} is {a.dtype} {a.shape}: MAT-files have no 1-D, float16 or longdouble arrays")
     last = {key: a.transpose(-2, -1, *range(a.ndim - 3, -1, -1)) for key, a in arrays.items()}
     scipy.io.savemat(path, last, do_compression=True)
+
+
+def _is_hdf5(path: Path) -> bool:
+    """Whether a file has HDF5's signature, at its beginning or after a header of 512, 1024 or 2048 bytes."""
+    with path.open("rb") as file:
+        start = file.read(2048 + len(HDF5_SIGNATURE))
+    return any(start.startswith(HDF5_SIGNATURE, offset) for offset in (0, 512, 1024, 2048))
+
+
+def _h5py() -> Any:
+    with needed_for("HDF5, which is also the format of MAT-files v7.3,", "hdf5"):
+        import h5py
+    return h5py
 
 
 def _load_npy(path: Path) -> Arrays:
@@ -146,8 +178,7 @@ def _load_npz(path: Path) -> Arrays:
 
 
 def _load_h5(path: Path) -> Arrays:
-    import h5py
-
+    h5py = _h5py()
     arrays: Arrays = {}
     with h5py.File(path) as file:
         file.visititems(
@@ -157,8 +188,7 @@ def _load_h5(path: Path) -> Arrays:
 
 
 def _save_h5(path: Path, arrays: Arrays) -> None:
-    import h5py
-
+    h5py = _h5py()
     with h5py.File(path, "w") as file:
         for key, a in arrays.items():
             file.create_dataset(key, data=a, compression="gzip" if a.size > 1 else None)
@@ -175,14 +205,14 @@ def _load_tiff(path: Path) -> Arrays:
             return {ONLY: _from_imagej(file)}
         arrays = [series.asarray() for series in file.series]
     if len(arrays) > 1 and arrays[0].ndim == 2 and len({(a.shape, a.dtype) for a in arrays}) == 1:
-        return {ONLY: np.stack(arrays)}  # written page by page
+        return {ONLY: np.stack(arrays)}  # pages of equal size are one stack
     return {ONLY: arrays[0]} if len(arrays) == 1 else {f"series{i}": a for i, a in enumerate(arrays)}
 
 
 def _check_pages(path: Path, file: Any) -> None:
-    """FormatError where tifffile would only log what is wrong, and leave out pages or parts of them.
+    """Raise a FormatError for damaged pages, of which tifffile only logs a warning.
 
-    Must come first: in a circle of pages tifffile otherwise goes round for ever.
+    It must come first, because tifffile does not terminate on a cycle of pages.
     """
     file.filehandle.seek(file.pages.next_page_offset)
     if any(file.filehandle.read(file.tiff.offsetsize)):
@@ -193,9 +223,9 @@ def _check_pages(path: Path, file: Any) -> None:
 
 
 def _from_imagej(file: object) -> np.ndarray:
-    """ImageJ's (T, Z, C, Y, X) as (views, frames, rows, columns), with as many dimensions as were written.
+    """ImageJ's (T, Z, C, Y, X) as (views, frames, rows, columns), with the number of dimensions that was written.
 
-    Channels alone are planes: tifffile writes any stack so that is not told its axes.
+    A stack with channels only is one of planes: tifffile writes stacks without named axes this way.
     """
     stack = file.series[0].asarray(squeeze=False)[..., 0]  # type: ignore[attr-defined]
     times, slices, channels, rows, columns = stack.shape
@@ -212,7 +242,7 @@ def _save_tiff(path: Path, arrays: Arrays) -> None:
 
     array = arrays[ONLY]
     for_imagej = array.dtype in (np.uint8, np.uint16, np.float32) and array.ndim in (2, 3, 4)
-    if for_imagej and array.shape[-1] > 1:  # a single column would be taken for colour samples
+    if for_imagej and array.shape[-1] > 1:  # tifffile would read a single column as colour samples
         stack = array.swapaxes(0, 1) if array.ndim == 4 else array
         axes = {2: "YX", 3: "TYX", 4: "TCYX"}[array.ndim]
         tifffile.imwrite(path, stack, imagej=True, metadata={"axes": axes, "ndim": array.ndim})
@@ -264,7 +294,8 @@ def _save_folder(path: Path, arrays: Arrays) -> None:
 
 
 def _load_video(path: Path) -> Arrays:
-    import imageio_ffmpeg
+    with needed_for("reading a video", "video"):
+        import imageio_ffmpeg
 
     reader = imageio_ffmpeg.read_frames(str(path), pix_fmt="gray", bits_per_pixel=8)
     with closing(reader):
@@ -272,9 +303,9 @@ def _load_video(path: Path) -> Arrays:
         columns, rows = meta["size"]
         frames = [np.frombuffer(frame, np.uint8).reshape(rows, columns) for frame in reader]
     expected = meta["duration"] * meta["fps"]
-    tolerance = 0.8 + 0.006 * meta["fps"]  # the duration is known to 0.01 s; one frame less is already too few
+    tolerance = 0.8 + 0.006 * meta["fps"]  # the duration is rounded to 0.01 s; a missing frame is an error
     if meta.get("audio_codec"):
-        tolerance += 0.1 * expected  # sound may be longer than the pictures
+        tolerance += 0.1 * expected  # the sound may be longer than the video
     if len(frames) < expected - tolerance:
         raise FormatError(f"{path}: {len(frames)} of {expected:.0f} frames can be read, the file seems truncated")
     return {ONLY: np.stack(frames)}

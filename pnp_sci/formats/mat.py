@@ -1,6 +1,6 @@
-"""The tags of a MAT-file (v5), looked through before SciPy reads it: a type that there is not would crash the process.
+"""Validation of the tags of a MAT-file (v5) before SciPy reads it, because unknown types crash SciPy.
 
-The format is described in MathWorks, "MAT-File Format": elements of a tag (type, size) and data, padded to 8 bytes.
+Format: MathWorks, "MAT-File Format". An element is a tag (type, size) and its data, padded to 8 bytes.
 """
 
 from __future__ import annotations
@@ -12,14 +12,14 @@ from collections.abc import Iterator
 
 NUMBERS = {1, 2, 3, 4, 5, 6, 7, 9, 12, 13, 16, 17, 18}  # types of data: integers, floats, characters
 MATRIX, COMPRESSED, FLAGS = 14, 15, 6
-OF_NUMBERS = range(4, 16)  # classes of arrays that hold no other arrays: char, sparse, double, ..., uint64
-SPARSE = 5  # the class that has three parts of data: rows, where columns begin, values
-COMPLEX = 0x800  # one part more
-HEADER = 128  # bytes
+OF_NUMBERS = range(4, 16)  # classes of arrays without nested arrays: char, sparse, double to uint64
+SPARSE = 5  # class with three parts of data: row indices, column starts, values
+COMPLEX = 0x800  # flag of an additional part
+HEADER = 128  # bytes of the file header
 
 
 def check(content: bytes) -> None:
-    """Raise a ValueError if the file has an element that SciPy could not survive; v4 files have no tags."""
+    """Raise a ValueError if the file `content` has an element that could crash SciPy; v4 files have no tags."""
     if 0 in content[:4] or len(content) < HEADER:
         return
     order = "<" if content[126:128] == b"IM" else ">"
@@ -42,7 +42,7 @@ def _check_matrix(content: bytes, order: str) -> None:
         raise ValueError(f"an array of class {array} has {len(parts)} parts")
     if array <= OF_NUMBERS[-1] and array != SPARSE:
         shape = struct.unpack(f"{order}{len(parts[1][1]) // 4}i", parts[1][1])
-        if math.prod(shape) > len(content):  # SciPy would make room for all of them first
+        if math.prod(shape) > len(content):  # SciPy would allocate all of them
             raise ValueError(f"an array of {len(content)} bytes has shape {shape}")
     for kind, data in parts[1:]:
         if kind not in NUMBERS and (of_numbers or kind != MATRIX):
@@ -52,15 +52,15 @@ def _check_matrix(content: bytes, order: str) -> None:
 
 
 def _elements(content: bytes, order: str) -> Iterator[tuple[int, bytes]]:
-    """Type and data of one element after the other."""
+    """Yield type and data of each element."""
     at = 0
     while at + 8 <= len(content):
         kind, size = struct.unpack_from(order + "II", content, at)
         start = at + 8
-        if kind >> 16:  # up to 4 bytes, within the tag
+        if kind >> 16:  # small element: up to 4 bytes within the tag
             kind, size, start = kind & 0xFFFF, kind >> 16, at + 4
         end = start + size
         if end > len(content) or (start == at + 4 and size > 4):
-            raise ValueError(f"an element of {size} bytes leaves its array or the file")
+            raise ValueError(f"an element of {size} bytes extends beyond its array or the file")
         yield kind, content[start:end]
         at = end if kind == COMPRESSED else at + 8 if start == at + 4 else end + -size % 8

@@ -1,4 +1,4 @@
-"""Files that are written whole or not at all."""
+"""Atomic writing of files."""
 
 from __future__ import annotations
 
@@ -12,7 +12,15 @@ from uuid import uuid4
 
 @contextmanager
 def replacing(path: Path) -> Iterator[Path]:
-    """A temporary path beside `path` that takes its place if all goes well, and is removed if not."""
+    """Context with a temporary path that replaces `path` at the end, or is removed after an exception.
+
+    Raises
+    ------
+    FileNotFoundError
+        If the parent folder does not exist.
+    FileExistsError
+        If `path` is a folder with files.
+    """
     if not path.parent.is_dir():
         raise FileNotFoundError(f"{path}: there is no folder {path.parent}")
     if path.is_dir() and any(path.iterdir()):

@@ -2,13 +2,24 @@
 
 from __future__ import annotations
 
+from dataclasses import dataclass
+
 import numpy as np
 
+from pnp_sci._tuned import Tuned
 from pnp_sci.sensing.problem import Problem
 
-MOST = 0.5  # largest share of the decoder's estimate
-ALIKE = 1.5e-3  # mean squared difference up to which both estimates may be right, where the video spans [0, 1]
-QUIET = 0.1  # noise in a pixel of x, ``noise / sqrt(gram)``, at which the share is half of that; the power is 4
+
+@dataclass(frozen=True)
+class BlendNumbers(Tuned):
+    """How much a decoder's estimate counts."""
+
+    most: float = 0.5  # largest share of the decoder's estimate
+    alike: float = 1.5e-3  # mean squared difference up to which both may be right, where x spans [0, 1]
+    loud: float = 0.1  # noise in a pixel of x, ``noise / sqrt(gram)``, at which the share is half of the largest
+
+
+TUNED = BlendNumbers()
 
 
 def blended(problem: Problem, x: np.ndarray, other: np.ndarray) -> tuple[np.ndarray, list[float]]:
@@ -30,11 +41,11 @@ def blended(problem: Problem, x: np.ndarray, other: np.ndarray) -> tuple[np.ndar
     gram = float(np.mean(problem.op.gram, dtype=np.float64))
     if gram == 0 or problem.typical_noise == 0 or not np.isfinite(x).all():
         return x, [0.0] * len(x)
-    loud = (problem.typical_noise / (QUIET * np.sqrt(gram))) ** 4
+    loud = (problem.typical_noise / (TUNED.loud * np.sqrt(gram))) ** 4
     out, shares = np.empty_like(x), []
     for view, second, mean in zip(x, other, out):
         step = second - view
         apart = float(np.mean(step**2))
-        shares.append(float(ALIKE / max(apart, ALIKE / MOST) * loud / (1 + loud)))
+        shares.append(float(TUNED.alike / max(apart, TUNED.alike / TUNED.most) * loud / (1 + loud)))
         np.add(view, step * step.dtype.type(shares[-1]), out=mean)
     return out, shares

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, field
-from html import escape
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -149,11 +148,13 @@ class Result:
         return "\n".join([repr(self), *(start + _in_words(plan) for start, plan in zip(numbered, plans))])
 
     def _repr_html_(self) -> str:
+        """What a notebook shows: a table, a picture of some frames, and a player."""
+        from pnp_sci.results.notebook import as_html
+
         rows = {"video": self._size(), "effort": self._effort(), "status": self.status.value}
         rows |= {key: str(self.settings[key]) for key in ("prior", "algorithm") if key in self.settings}
         rows["scores"] = self._scores().removeprefix("; ")
-        cells = "".join(f"<tr><th>{key}</th><td>{escape(text)}</td></tr>" for key, text in rows.items() if text)
-        return f"<table>{cells}</table>"
+        return as_html(rows, self.x, self.white)
 
     def _size(self) -> str:
         *several, views, frames, rows, columns = self.x.shape

@@ -2,15 +2,27 @@
 
 from __future__ import annotations
 
+from dataclasses import dataclass
+
 import numpy as np
 
+from pnp_sci._tuned import Tuned
 from pnp_sci.sensing.operator import SensingOperator
 from pnp_sci.sensing.scene_model import SceneModel
 
-TILE = 96  # pixels a side of the crop on which models are compared
-WINDOW = 48  # pixels a side of what lies in its middle: something small that moves in a still scene is to be found
-EVERYWHERE = 0.3  # of the mean squared error, added to that of every window: where both models fit well is no contest
-SURELY = 2.0  # standard errors of the mean gain that are beyond chance
+SURELY = 2.0  # standard errors: a mean gain of that many is beyond chance
+
+
+@dataclass(frozen=True)
+class TileNumbers(Tuned):
+    """Where models are compared."""
+
+    tile: int = 96  # pixels a side of the crop on which models are compared
+    window: int = 48  # pixels a side of what lies in its middle
+    everywhere: float = 0.3  # floor of a window's error, in units of the mean: keeps ratios of small errors meaningful
+
+
+TUNED = TileNumbers()
 
 
 def view_levels(op: SensingOperator, y: np.ndarray) -> np.ndarray:
@@ -81,10 +93,10 @@ def contested_tile(simple: np.ndarray, other: np.ndarray) -> tuple[slice, slice]
     """
     from scipy.ndimage import uniform_filter
 
-    window = tuple(min(WINDOW, n) for n in simple.shape)
+    window = tuple(min(TUNED.window, n) for n in simple.shape)
     inside = tuple(slice(w // 2, n - (w - 1) // 2) for n, w in zip(simple.shape, window))
     of_simple, of_other = (
-        uniform_filter(errors, window, np.float64)[inside] + EVERYWHERE * errors.mean()  # type: ignore[arg-type]
+        uniform_filter(errors, window, np.float64)[inside] + TUNED.everywhere * errors.mean()  # type: ignore[arg-type]
         for errors in (simple, other)
     )
     ratio = of_simple / np.maximum(of_other, np.finfo(np.float64).tiny)
@@ -93,6 +105,6 @@ def contested_tile(simple: np.ndarray, other: np.ndarray) -> tuple[slice, slice]
 
 
 def _around(middle: int, length: int) -> slice:
-    """TILE pixels around the middle one, within so many; all of them if there are fewer."""
-    start = max(min(middle - TILE // 2, length - TILE), 0)
-    return slice(start, start + TILE)
+    """TUNED.tile pixels around the middle one, within so many; all of them if there are fewer."""
+    start = max(min(middle - TUNED.tile // 2, length - TUNED.tile), 0)
+    return slice(start, start + TUNED.tile)

@@ -4,10 +4,12 @@ from __future__ import annotations
 
 import time
 from collections.abc import Callable, Iterator
+from dataclasses import dataclass
 from functools import partial
 
 import numpy as np
 
+from pnp_sci._tuned import Tuned
 from pnp_sci.plugins.protocols import Prior
 from pnp_sci.scene.evidence import at_most, beyond, beyond_chance, contested_tile, evidence, view_levels, whatever
 from pnp_sci.sensing.operator import SensingOperator
@@ -15,28 +17,38 @@ from pnp_sci.sensing.problem import Problem, level
 from pnp_sci.sensing.scene_model import SceneModel, full
 from pnp_sci.solvers.iterate import iterate
 
-DARK = 0.08  # of the brightest view's level: below, a view may be absent
-HELD_BACK = 0.1  # of the pixels of y, to be predicted
-LEAST, PER_FRAME = 60, 3  # iterations of a quick estimate: at least, and for each frame of all views
-LOOK, GLANCE = 15, 8  # iterations on the whole picture, before careful estimates and before quick ones
-EARLY = 20  # iterations of the first comparison on the tile
-# Largest ratio of the simple model's squared error to the full one's, both beyond the noise:
-PERHAPS = 1.2  # early
-CLEARLY = 0.8  # at the end of quick estimates
-CAREFULLY = 1.6  # of careful estimates
-NO_WORSE = 1.0  # without a view, or with one still view beside moving ones
-CALLS = 8 / 60, 12 / 60, 20 / 60  # of the careful prior before its comparisons, in parts of `patience`
-CHANCE = 3.0  # standard errors of evidence that the simple model may have against it
-SATURATED = 0.01  # of the pixels of y: with more, those that are left are no random choice
-DOUBT = 0.1  # of the variance of the noise, by which its estimate may be too low
-
 # Whether the squared errors (N,) of a simple model, beyond the noise, are fine beside another's
 IsFine = Callable[[np.ndarray, np.ndarray], bool]
+
+CHANCE = 3.0  # standard errors: evidence against the simple model up to that may be chance
+NO_WORSE = 1.0  # ratio of errors up to which a model without a view, or with one still view, is taken
+
+
+@dataclass(frozen=True)
+class SceneNumbers(Tuned):
+    """When a simpler model is taken; ratios are of its squared error to that of the full one, beyond the noise."""
+
+    dark: float = 0.08  # level of a view that may be absent, in units of the brightest one's
+    held_back: float = 0.1  # part of the pixels of y that is predicted
+    least: int = 60  # iterations of a quick estimate, at least
+    per_frame: int = 3  # iterations of a quick estimate for each frame of all views
+    look: int = 15  # iterations on the whole picture before careful estimates
+    glance: int = 8  # iterations on the whole picture before quick estimates
+    early: int = 20  # iterations before the first comparison on a tile
+    perhaps: float = 1.2  # largest ratio, early
+    clearly: float = 0.8  # largest ratio at the end of quick estimates
+    carefully: float = 1.6  # largest ratio of careful estimates
+    calls: tuple[float, ...] = (8 / 60, 12 / 60, 20 / 60)  # careful calls before comparisons, per `patience`
+    saturated: float = 0.01  # part of y above which saturated pixels leave no random choice
+    doubt: float = 0.1  # part of the variance of the noise by which its estimate may be too low
+
+
+TUNED = SceneNumbers()
 
 
 def patience(op: SensingOperator) -> int:
     """Iterations of quick estimates: three for each frame of all views, 60 at least. Careful ones begin with half."""
-    return max(LEAST, PER_FRAME * op.shape[0] * op.shape[1])
+    return max(TUNED.least, TUNED.per_frame * op.shape[0] * op.shape[1])
 
 
 def judge(
@@ -66,13 +78,13 @@ def judge(
         A moment of ``time.perf_counter``: a model that has not shown by then that it is better is not taken.
     """
     op = problem.op
-    predicts_better = _Comparison(problem, until, LOOK if careful else GLANCE)
+    predicts_better = _Comparison(problem, until, TUNED.look if careful else TUNED.glance)
     chosen = full(op, "every view and frame is needed")
-    half, calls = patience(op) // 2, [round(part * patience(op)) for part in CALLS]
-    clearly = {patience(op): partial(at_most, CLEARLY)}
+    half, calls = patience(op) // 2, [round(part * patience(op)) for part in TUNED.calls]
+    clearly = {patience(op): partial(at_most, TUNED.clearly)}
     no_worse = {half: partial(at_most, NO_WORSE), half + calls[0]: partial(at_most, NO_WORSE)}
     levels = view_levels(op, problem.y)
-    lit = tuple(bool(v) for v in levels > DARK * levels.max())
+    lit = tuple(bool(v) for v in levels > TUNED.dark * levels.max())
     if not all(lit) and any(lit):
         dark = ", ".join(str(v + 1) for v, on in enumerate(lit) if not on)
         without = SceneModel(lit, False, f"view {dark} is dark: y is explained without it")
@@ -84,18 +96,18 @@ def judge(
     so_far = "" if chosen.complete else chosen.reason + "; "
     still = SceneModel(chosen.views, True, so_far + "nothing moves: one frame per view explains y")
     if careful is None:
-        looks = {EARLY: partial(at_most, PERHAPS)} | clearly
+        looks = {TUNED.early: partial(at_most, TUNED.perhaps)} | clearly
         return still if predicts_better(still, chosen, quick, looks) else chosen
-    by_tv = dict.fromkeys((EARLY, half), partial(at_most, PERHAPS))
-    by_flow = {half + n: partial(at_most, CAREFULLY) for n in calls[:-1]} | {half + calls[-1]: whatever}
-    if predicts_better(still, chosen, careful, by_tv | by_flow, DOUBT):
+    by_tv = dict.fromkeys((TUNED.early, half), partial(at_most, TUNED.perhaps))
+    by_flow = {half + n: partial(at_most, TUNED.carefully) for n in calls[:-1]} | {half + calls[-1]: whatever}
+    if predicts_better(still, chosen, careful, by_tv | by_flow, TUNED.doubt):
         return still
-    beside = dict.fromkeys((EARLY, half), partial(at_most, NO_WORSE)) | {half + calls[-1]: beyond_chance}
+    beside = dict.fromkeys((TUNED.early, half), partial(at_most, NO_WORSE)) | {half + calls[-1]: beyond_chance}
     for view in np.flatnonzero(chosen.views) if each_view else ():
         stills = tuple(s or v == view for v, s in enumerate(chosen.still))  # type: ignore[arg-type]
         names = " and ".join(str(v + 1) for v, s in enumerate(stills) if s)
         model = SceneModel(chosen.views, stills, f"{so_far}one frame explains what y shows of view {names}")
-        if not model.nothing_moves and predicts_better(model, chosen, careful, beside, DOUBT):
+        if not model.nothing_moves and predicts_better(model, chosen, careful, beside, TUNED.doubt):
             chosen = model
     return chosen
 
@@ -105,10 +117,10 @@ class _Comparison:
 
     def __init__(self, problem: Problem, until: float, look: int):
         self.problem, self.until, self.look = problem, until, look
-        self.hidden = np.random.default_rng(0).random(problem.y.shape) < HELD_BACK
+        self.hidden = np.random.default_rng(0).random(problem.y.shape) < TUNED.held_back
         self.seen = ~self.hidden
         # which pixels are left to be hidden, but for a few
-        self.by_chance = problem.saturated is None or problem.saturated.mean() < SATURATED
+        self.by_chance = problem.saturated is None or problem.saturated.mean() < TUNED.saturated
         if problem.saturated is not None:
             self.hidden, self.seen = self.hidden & ~problem.saturated, self.seen & ~problem.saturated
         self._known: dict[SceneModel, tuple[np.ndarray, np.ndarray]] = {}

@@ -1,1 +1,1 @@
-"""The measurement: y = Phi x + noise, with the camera, its noise and what of a scene is modelled."""
+"""The measurement y = Phi x + noise: sensing operator, camera, noise, and scene model."""

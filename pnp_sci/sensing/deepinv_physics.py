@@ -1,6 +1,6 @@
 """The sensing operator as a physics of deepinv, for its algorithms, losses and unrolled networks.
 
-This module imports deepinv; nothing else in :mod:`pnp_sci` imports this module.
+This module imports deepinv; no other module of :mod:`pnp_sci` imports it.
 """
 
 from __future__ import annotations
@@ -17,17 +17,17 @@ from pnp_sci.sensing.torch_operator import TorchSensingOperator
 class SensingPhysics(LinearPhysics):
     """Phi as a ``deepinv.physics.LinearPhysics``: videos (N, V, B, H, W) to measurements (N, 1, H, W).
 
-    The views are deepinv's channels, the frames its time, as in its other physics of video. Since Phi Phi^T is
-    diagonal, the pseudo-inverse and the proximal map of the data are formulas here, not iterations.
+    The views are deepinv's channels, and the frames its time axis. As Phi Phi^T is diagonal, the pseudo-inverse and the
+    proximal map of the data term have closed forms.
 
     Parameters
     ----------
     masks : array_like, Tensor, (V, B, H, W) or (B, H, W), or SensingOperator
         As for :class:`~pnp_sci.TorchSensingOperator`.
     device : torch.device or str, optional
-        Default: that of masks if they are a tensor, else the CPU.
+        By default that of masks if they are a tensor, else the CPU.
     **options
-        For ``LinearPhysics``, such as ``noise_model=deepinv.physics.GaussianNoise(0.01)``.
+        Arguments of ``LinearPhysics``, such as ``noise_model=deepinv.physics.GaussianNoise(0.01)``.
 
     Attributes
     ----------
@@ -60,21 +60,21 @@ class SensingPhysics(LinearPhysics):
         self.op = op
 
     def A(self, x: torch.Tensor, **_: Any) -> torch.Tensor:
-        """Phi x: (N, 1, H, W) of (N, V, B, H, W)."""
+        """Phi x: (N, 1, H, W) from (N, V, B, H, W)."""
         if x.ndim != 5:
             raise InputError(f"x has shape {tuple(x.shape)}: (N, V, B, H, W) was expected")
         return self.op(x)[:, None]
 
     def A_adjoint(self, y: torch.Tensor, **_: Any) -> torch.Tensor:
-        """Phi^T y: (N, V, B, H, W) of (N, 1, H, W)."""
+        """Phi^T y: (N, V, B, H, W) from (N, 1, H, W)."""
         return self.op.adjoint(_picture(y))
 
     def A_dagger(self, y: torch.Tensor, **_: Any) -> torch.Tensor:
-        """The shortest x with the smallest ``||Phi x - y||``: ``Phi^T (y / gram)``, 0 where no mask is open."""
+        """Pseudo-inverse of Phi: ``Phi^T (y / gram)``, 0 where gram is 0; (N, V, B, H, W) from (N, 1, H, W)."""
         return self.op.project(self.A_adjoint(torch.zeros_like(y)), _picture(y))
 
     def prox_l2(self, z: torch.Tensor | float | None, y: torch.Tensor, gamma: Any, **_: Any) -> torch.Tensor:
-        """The x that minimises ``gamma / 2 ||Phi x - y||^2 + 1 / 2 ||x - z||^2``, gamma > 0, one or N."""
+        """Minimiser of ``gamma / 2 ||Phi x - y||^2 + 1 / 2 ||x - z||^2``; gamma > 0, one value or N values."""
         if not isinstance(z, torch.Tensor):
             z = torch.full_like(self.A_adjoint(y), z or 0.0)
         rho = 1 / torch.as_tensor(gamma, dtype=z.dtype, device=z.device)
@@ -82,7 +82,7 @@ class SensingPhysics(LinearPhysics):
 
 
 def _picture(y: torch.Tensor) -> torch.Tensor:
-    """(N, H, W) of measurements (N, 1, H, W)."""
+    """Measurements (N, H, W) from (N, 1, H, W)."""
     if y.ndim != 4 or y.shape[1] != 1:
         raise InputError(f"y has shape {tuple(y.shape)}: (N, 1, H, W) was expected")
     return y[:, 0]

@@ -1,7 +1,8 @@
-"""Fused passes of the sensing operator over blocks of pixels, and of GAP over those of y.
+"""Fused kernels of the sensing operator and of the GAP multiplier.
 
-Arrays are flat in the pixels: masks and x are (K, P) with K = V * B planes and P = H * W pixels, y and weight are (P,).
-A block of all K planes stays in the cache between the sum over planes and the update, so x passes through memory once.
+Pixels are flattened: masks and x are (K, P) with K = V * B planes and P = H * W pixels; y and weight are (P,). The
+kernels process blocks of pixels. All K planes of a block stay in the cache between the sum over planes and the update,
+so x passes through memory once.
 """
 
 import numba
@@ -9,12 +10,12 @@ import numpy as np
 
 from pnp_sci.accel.jit import device_function, kernel
 
-BLOCK = 2048  # pixels; measured at 20 planes: 4 % faster than 1024, and 4096 is no faster
+BLOCK = 2048  # pixels of a block
 
 
 @device_function
 def _measured(masks, x, here):
-    """The sum over planes of masks * x; by twos, so that it passes through the registers half as often."""
+    """Sum over planes of masks * x for the pixels `here`; two planes at a time halve the traffic of the sum."""
     planes = len(x)
     real = x.dtype.type
     total = np.zeros(here.stop - here.start, x.dtype)
@@ -40,7 +41,7 @@ def forward(masks, x, y):
 
 @kernel
 def adjoint(masks, y, x):
-    """x <- masks * y, plane by plane."""
+    """x <- masks * y for each plane."""
     planes, pixels = x.shape
     real = x.dtype.type
     for block in numba.prange((pixels + BLOCK - 1) // BLOCK):
@@ -69,15 +70,15 @@ def gram(masks, total):
 
 @kernel
 def project(masks, x, y, weight, out, in_place):
-    """out <- x + masks * weight * (y - sum(masks * x)); `in_place` says that out is x."""
+    """out <- x + masks * weight * (y - sum over planes of masks * x); `in_place` is whether out is x."""
     planes, pixels = x.shape
     real = x.dtype.type
     for block in numba.prange((pixels + BLOCK - 1) // BLOCK):
         here = slice(block * BLOCK, min((block + 1) * BLOCK, pixels))
         r = (y[here] - _measured(masks, x, here)) * weight[here]
-        for k in range(planes - 1, -1, -1):  # the last ones read are still in the cache
+        for k in range(planes - 1, -1, -1):  # backwards, as the last planes are in the cache
             m, v, w = masks[k, here], x[k, here], out[k, here]
-            if in_place:  # one array less to tell apart: as fast as a pass over x can be
+            if in_place:  # one array fewer, which speeds up the loop
                 for p in range(r.size):
                     w[p] += real(m[p]) * r[p]
             else:
@@ -87,10 +88,10 @@ def project(masks, x, y, weight, out, in_place):
 
 @kernel
 def multiplier(dual, residual, gram, pace, rho, saturated, after, move):
-    """after <- (dual + pace residual) gram / (gram + pace rho);  move <- (after - dual) / pace.  All flat.
+    """after <- (dual + pace residual) gram / (gram + pace rho);  move <- (after - dual) / pace.
 
-    `after` is 0 where gram is 0 or denormal, and not negative where y is `saturated` (empty: nowhere); rho has one
-    value for all pixels, or one for each.
+    Arrays are flat, (P,). `after` is 0 where gram is 0 or denormal, and >= 0 where `saturated` is true. `saturated` may
+    be empty for no pixel. rho has one value for all pixels or one for each.
     """
     tiny, zero = np.finfo(gram.dtype).tiny, gram.dtype.type(0)
     for p in numba.prange(gram.size):

@@ -1,4 +1,4 @@
-"""How much noise a measurement holds, from the measurement alone."""
+"""Estimation of the noise level from a single measurement."""
 
 from __future__ import annotations
 
@@ -6,30 +6,30 @@ import numpy as np
 
 from pnp_sci.sensing.operator import SensingOperator
 
-BLOCK = 8  # pixels a side
-QUANTILE = 0.02  # of blocks: the flattest decide
+BLOCK = 8  # pixels per side of a block
+QUANTILE = 0.02  # quantile of the residual variances of the blocks
 
 
 def estimate_noise(op: SensingOperator, y: np.ndarray, saturated: np.ndarray | None = None) -> float:
     """Standard deviation of the noise of a measurement, in the units of y.
 
-    Where all views are smooth and move little, y is within a small block a plane times each view's sum of masks, plus a
-    drift along time. These ``4 V`` coefficients are fitted to every block of 8 x 8 pixels; what is left over is noise,
-    and texture on top of it in most blocks. The quantile 0.02 of the left-over variances, divided by that of a
-    chi-square law, is noise alone if a few blocks are flat. Without noise the estimate is the texture of the flattest
-    blocks, about 0.001 to 0.01 of max(y) for natural scenes.
+    The model of a block of 8 x 8 pixels has a plane and a linear change in time for each view, ``4 V`` coefficients. It
+    holds where all views are smooth and move little. The coefficients are fitted by least squares. The residual is
+    noise, and texture in most blocks. The estimated variance is the 0.02 quantile of the sums of squared residuals,
+    divided by that of the chi-square distribution. This is right if a few blocks are flat. Without noise the estimate
+    is the texture of the flattest blocks, about 0.001 to 0.01 of max(y) for natural scenes.
 
     Parameters
     ----------
     op : SensingOperator
     y : ndarray, (H, W)
     saturated : ndarray of bool, (H, W), optional
-        Blocks with such pixels are left out.
+        Blocks with a saturated pixel are not used.
 
     Returns
     -------
     float
-        0.0 where the picture is too small to tell (fewer than 16 blocks) or the masks leave no degree of freedom.
+        >= 0; 0.0 if there are fewer than 16 blocks, or at least as many coefficients as pixels in a block.
 
     Examples
     --------
@@ -53,7 +53,7 @@ def estimate_noise(op: SensingOperator, y: np.ndarray, saturated: np.ndarray | N
     terms = []
     for masks in op.masks:
         total = _blocks(masks.sum(0, dtype=np.float64))
-        drift = _blocks(np.einsum("b,bij->ij", time, masks))  # not tensordot: threads of BLAS would go on spinning
+        drift = _blocks(np.einsum("b,bij->ij", time, masks))  # tensordot would start BLAS threads
         terms += [total, total * tilt[:, None], total * tilt, drift]
     model = np.stack([t.reshape(-1, BLOCK * BLOCK) for t in terms], axis=-1)
     values = _blocks(y.astype(np.float64)).reshape(-1, BLOCK * BLOCK)
@@ -62,12 +62,12 @@ def estimate_noise(op: SensingOperator, y: np.ndarray, saturated: np.ndarray | N
     right = np.einsum("kpi,kp->ki", model, values)
     fit = np.linalg.solve(normal + ridge * np.eye(model.shape[-1]), right[..., None])[..., 0]
     left_over = ((values - np.einsum("kpi,ki->kp", model, fit)) ** 2).sum(1)
-    quantile_of_chi_square = 2 * gammaincinv(freedom / 2, QUANTILE)  # scipy.stats would take half a second to load
+    quantile_of_chi_square = 2 * gammaincinv(freedom / 2, QUANTILE)  # importing scipy.stats takes half a second
     return float(np.sqrt(np.quantile(left_over[usable], QUANTILE) / quantile_of_chi_square))
 
 
 def _blocks(picture: np.ndarray) -> np.ndarray:
-    """(H, W) as (H // 8 * W // 8, 8, 8) blocks; rows and columns left over are cut off."""
+    """Blocks ((H // 8) * (W // 8), 8, 8) of a picture (H, W); remaining rows and columns are dropped."""
     rows, columns = (n // BLOCK for n in picture.shape)
     cut = picture[: rows * BLOCK, : columns * BLOCK]
     return cut.reshape(rows, BLOCK, columns, BLOCK).swapaxes(1, 2).reshape(-1, BLOCK, BLOCK)

@@ -1,4 +1,4 @@
-"""The sensing operator Phi of snapshot compressive imaging with any number of views."""
+"""The sensing operator Phi of snapshot compressive imaging, for any number of views."""
 
 from __future__ import annotations
 
@@ -15,12 +15,14 @@ if TYPE_CHECKING:
 
 
 def as_masks(masks: Any, dtype: np.dtype | None = None) -> np.ndarray:
-    """Masks as a C-ordered native (V, B, H, W) array: bool and uint8 stay one byte, all else becomes floating.
+    """Masks as a C-ordered array (V, B, H, W) of native byte order.
+
+    bool becomes uint8, and uint8 stays. Other types become `dtype`, by default float64 for float64 and float32 else.
 
     Raises
     ------
     InputError
-        If the array is not (V, B, H, W) or (B, H, W), is empty, or holds NaN or infinite values.
+        If the array is not (V, B, H, W) or (B, H, W), is empty, or has NaN or infinite values.
     InputTypeError
         If the values are not real numbers.
     """
@@ -43,17 +45,17 @@ def as_masks(masks: Any, dtype: np.dtype | None = None) -> np.ndarray:
 
 
 class SensingOperator:
-    """Phi: a video per view goes in, the one coded picture of all of them comes out.
+    """The sensing operator Phi: maps the videos of all views to one coded measurement.
 
     ``y = sum over views v and frames b of masks[v, b] * x[v, b]``  (Lu et al., OFaNet, Eq. 1)
 
     Parameters
     ----------
     masks : array_like, (V, B, H, W) or (B, H, W)
-        Transmission of each mask element, any real values; 3-D masks mean a single view. bool and uint8 are kept at
-        one byte an element.
+        Transmission of each mask element, any real values; 3-D masks are a single view. bool and uint8 are stored with
+        one byte per element.
     dtype : float32 or float64, optional
-        Of videos and measurements. Default: float64 if masks are float64, else float32.
+        Type of videos and measurements. By default float64 if masks are float64, else float32.
 
     Attributes
     ----------
@@ -66,7 +68,7 @@ class SensingOperator:
     Raises
     ------
     InputError, InputTypeError
-        If masks are not (V, B, H, W) finite real numbers.
+        If masks are not finite real numbers (V, B, H, W), or dtype is another one.
 
     Examples
     --------
@@ -93,7 +95,7 @@ class SensingOperator:
 
     @cached_property
     def gram(self) -> np.ndarray:
-        """diag(Phi Phi^T), (H, W)."""
+        """The diagonal of Phi Phi^T, (H, W)."""
         from pnp_sci.sensing import kernels as _kernels
 
         total = np.empty(self.shape[2] * self.shape[3], self.dtype)
@@ -110,7 +112,7 @@ class SensingOperator:
         return y
 
     def adjoint(self, y: Any, out: np.ndarray | None = None) -> np.ndarray:
-        """Phi^T y: (V, B, H, W), the measurement (H, W) seen through each mask."""
+        """Phi^T y: the measurement (H, W) times each mask, (V, B, H, W)."""
         from pnp_sci.sensing import kernels as _kernels
 
         y = self._array("y", y, self.shape[2:])
@@ -121,17 +123,27 @@ class SensingOperator:
     def project(self, x: Any, y: Any, rho: float | np.ndarray = 0.0, out: np.ndarray | None = None) -> np.ndarray:
         """``x + Phi^T (y - Phi x) / (gram + rho)`` in one fused pass.
 
-        With ``rho = 0`` the Euclidean projection of x onto the videos that measure y; with ``rho > 0`` the minimiser of
-        ``||y - Phi z||^2 + rho ||z - x||^2``. Pixels where ``gram + rho`` is 0 keep their value.
+        With ``rho = 0`` it is the Euclidean projection of x onto the set ``{z : Phi z = y}``. With ``rho > 0`` it is
+        the minimiser of ``||y - Phi z||^2 + rho ||z - x||^2``. Pixels where ``gram + rho`` is 0 keep their value.
 
         Parameters
         ----------
         x : array_like, (V, B, H, W)
         y : array_like, (H, W)
         rho : float or ndarray, (H, W)
-            >= 0, in units of gram: for all pixels, or for each.
-        out : ndarray, optional
-            Where the result goes; may be `x` itself.
+            >= 0, in units of gram; one value for all pixels or one for each.
+        out : ndarray, (V, B, H, W), optional
+            Array for the result; may be `x`.
+
+        Returns
+        -------
+        ndarray, (V, B, H, W)
+            `out`, or a new array.
+
+        Raises
+        ------
+        InputError, InputTypeError
+            If a shape does not agree with the masks, values are not real, rho is negative, or out cannot be used.
         """
         from pnp_sci.sensing import kernels as _kernels
 
@@ -144,10 +156,10 @@ class SensingOperator:
         return out
 
     def linear_operator(self) -> LinearOperator:
-        """This operator for :mod:`scipy.sparse.linalg`: vectors are raveled (V, B, H, W) and (H, W) arrays."""
+        """This operator for :mod:`scipy.sparse.linalg`; vectors are flattened (V, B, H, W) and (H, W) arrays."""
         from scipy.sparse import linalg
 
-        make: Any = linalg.LinearOperator  # a factory that type checkers take for an abstract class
+        make: Any = linalg.LinearOperator  # type checkers see an abstract class
         pixels = self.shape[2] * self.shape[3]
         return make(
             (pixels, int(np.prod(self.shape))),
@@ -157,7 +169,7 @@ class SensingOperator:
         )
 
     def _weight(self, rho: Any) -> np.ndarray:
-        """1 / (gram + rho), 0 where that is 0 or denormal; that of one rho for all is kept for the next call."""
+        """``1 / (gram + rho)``, flat, 0 where the sum is 0 or denormal; cached for the last scalar rho."""
         cached = self.__dict__.get("_last_weight")
         if np.ndim(rho) == 0 and cached is not None and cached[0] == float(rho):
             return cached[1]
@@ -182,7 +194,19 @@ class SensingOperator:
 
 
 def adjoint_mismatch(op: Any, seed: int = 0) -> float:
-    """``|<Phi x, y> - <x, Phi^T y>|`` relative to ``||Phi x|| ||y||``, for random x and y: a check for any operator.
+    """``|<Phi x, y> - <x, Phi^T y>|`` relative to ``||Phi x|| ||y||``, for random x and y: a test of any operator.
+
+    Parameters
+    ----------
+    op : object
+        Has `shape` (V, B, H, W), ``forward(x)`` and ``adjoint(y)``.
+    seed : int
+        Of x and y.
+
+    Returns
+    -------
+    float
+        About the precision of the operator's dtype if `adjoint` is right.
 
     Examples
     --------

@@ -1,4 +1,4 @@
-"""A measurement made ready for the solver: checked, and scaled so that the video spans about [0, 1]."""
+"""Validation of a measurement, and its scaling to units in which the video spans about [0, 1]."""
 
 from __future__ import annotations
 
@@ -14,14 +14,14 @@ from pnp_sci.sensing.operator import SensingOperator, as_masks
 from pnp_sci.sensing.scene_model import SceneModel
 from pnp_sci.sensing.sensor import Sensor
 
-NEAR = (1.5, 6, 24, 96)  # pixels: widths of the means over neighbours for pixels that no mask lets light to
-CLOSED = 1e-3  # of the largest weight: below, there are no open neighbours
-LOUDEST = 1e6  # noise in units of max |y|: more changes nothing, and its square must stay finite
+NEAR = (1.5, 6, 24, 96)  # pixels: standard deviations of the Gaussian means that fill pixels whose masks are all 0
+CLOSED = 1e-3  # of the largest weight: smaller means of neighbours are not used
+LOUDEST = 1e6  # of max |y|: upper bound of the noise, whose square must be finite
 
 
 @dataclass(frozen=True, eq=False)
 class Problem:
-    """What the solver sees of a measurement.
+    """A measurement in the solver's units.
 
     Attributes
     ----------
@@ -29,11 +29,11 @@ class Problem:
     y : ndarray, (H, W)
         In units where x spans about [0, 1].
     unit : float
-        The value of x in the user's units that is 1 here.
+        Value of x in the user's units that corresponds to 1 here.
     noise : float or ndarray, (H, W)
-        Standard deviation of the noise of y, in the units of `y` here; of each pixel where they differ.
+        Standard deviation of the noise of `y`, in its units; an array if it differs between pixels.
     saturated : ndarray of bool, (H, W), optional
-        Pixels in which y is only the least that there can have been.
+        Pixels in which y is only a lower bound of the light.
     """
 
     op: SensingOperator
@@ -44,7 +44,7 @@ class Problem:
 
     @property
     def typical_noise(self) -> float:
-        """Root mean square of `noise`, over pixels that are not saturated."""
+        """Root mean square of `noise` over pixels that are not saturated."""
         noise = np.asarray(self.noise)
         if noise.ndim and self.saturated is not None and not self.saturated.all():
             noise = noise[~self.saturated]
@@ -52,7 +52,13 @@ class Problem:
 
 
 def check_measurement(y: Any) -> np.ndarray:
-    """y as a native array (N, H, W) of finite real numbers; raises InputError or InputTypeError naming y."""
+    """Return y as an array (N, H, W) of native byte order.
+
+    Raises
+    ------
+    InputError, InputTypeError
+        If y is not (H, W) or (N, H, W), is empty, or has values that are not finite real numbers.
+    """
     array = real_array("y", y)
     if array.ndim not in (2, 3) or array.size == 0:
         raise InputError(f"y has shape {array.shape}: (rows, columns) or (measurements, rows, columns) was expected")
@@ -64,7 +70,13 @@ def check_measurement(y: Any) -> np.ndarray:
 
 
 def check_operator(masks: Any, y: np.ndarray) -> tuple[SensingOperator, float]:
-    """The operator of these masks divided by their largest magnitude, and that magnitude (1 for one-byte masks)."""
+    """The operator of the masks divided by their largest magnitude, and that magnitude (1 for uint8 and bool masks).
+
+    Raises
+    ------
+    InputError, InputTypeError
+        If the masks cannot be used, or their rows and columns differ from those of y (N, H, W).
+    """
     dtype = np.dtype(np.float64 if y.dtype == np.float64 else np.float32)
     if isinstance(masks, SensingOperator):
         masks = masks.masks
@@ -82,7 +94,13 @@ def check_operator(masks: Any, y: np.ndarray) -> tuple[SensingOperator, float]:
 
 
 def pose(op: SensingOperator, largest: float, y: np.ndarray, sensor: Sensor) -> Problem:
-    """The problem for one measurement (H, W); `largest` is what the masks were divided by."""
+    """The problem of one measurement y (H, W); `largest` is the divisor of the masks.
+
+    Raises
+    ------
+    InputError
+        If the video's unit overflows the operator's dtype.
+    """
     y = y.astype(np.float64)
     saturated = sensor.saturated(y)
     height = float(np.abs(y).max()) or 1.0
@@ -93,7 +111,7 @@ def pose(op: SensingOperator, largest: float, y: np.ndarray, sensor: Sensor) -> 
     x_unit = unit * height / largest
     if x_unit > float(np.finfo(op.dtype).max):
         raise InputError(
-            f"y reaches {height:.3g} and masks {largest:.3g}: their quotient was expected within {op.dtype}"
+            f"y reaches {height:.3g} and masks {largest:.3g}: their quotient overflows {op.dtype}"
             + ("; give y as float64" if op.dtype == np.float32 else "")
         )
     noise = sigma / unit
@@ -101,13 +119,13 @@ def pose(op: SensingOperator, largest: float, y: np.ndarray, sensor: Sensor) -> 
 
 
 def brightest(op: SensingOperator, y: np.ndarray, noise: float) -> float:
-    """About the largest value of the video, from the measurement: the unit in which it spans [0, 1].
+    """Estimate of the largest value of the video: the unit in which it spans about [0, 1].
 
-    Where the masks have one sign, y over their sum is a mean of the video; both are smoothed over some 3 pixels against
-    noise, and the quantile 0.999 is taken: 0.7 to 1.0 of the true one on clips of the training set, the
-    benchmark pairs and single-view sets alike. Where the masks
-    cancel each other, the unit is that in which y has the energy it has on average over videos of mean 1/2 and standard
-    deviation 1/4: ``mean(y^2) = mean(S^2 / 4 + gram / 16)``, S being the sum of the masks.
+    If the masks have mostly one sign, the estimate is the 0.999 quantile of y divided by their sum, both smoothed. It
+    is 0.7 to 1.0 of the true value on natural scenes.
+
+    If the masks cancel each other, the estimate is the unit in which y has its expected energy. For videos of mean 1/2
+    and standard deviation 1/4 this is ``mean(S^2 / 4 + gram / 16)``, where S is the sum of the masks.
     """
     from scipy.ndimage import gaussian_filter
 
@@ -124,18 +142,24 @@ def brightest(op: SensingOperator, y: np.ndarray, noise: float) -> float:
 
 
 def measured(sensor: Sensor, op: SensingOperator, y: np.ndarray) -> Sensor:
-    """The camera with its read noise estimated from a measurement (H, W), if it is "auto"."""
+    """The sensor, with its read noise estimated from a measurement y (H, W) if it is "auto"."""
     if sensor.read_noise != "auto":
         return sensor
     y = y.astype(np.float64)
     height = float(np.abs(y).max()) or 1.0
-    estimate = height * estimate_noise(op, y / height, sensor.saturated(y))  # of which some is of the grey levels
+    estimate = height * estimate_noise(op, y / height, sensor.saturated(y))  # includes the rounding to grey levels
     rounding = sensor.step / np.sqrt(12)
     return replace(sensor, read_noise=float(np.sqrt(max(estimate - rounding, 0)) * np.sqrt(estimate + rounding)))
 
 
 def check_noise(noise: Any) -> Sensor:
-    """What `noise` says of the camera: all of it, "auto", or a standard deviation >= 0."""
+    """The sensor that the argument `noise` describes: a Sensor, "auto", or a standard deviation >= 0.
+
+    Raises
+    ------
+    InputError, InputTypeError
+        If it is none of them.
+    """
     if isinstance(noise, Sensor):
         return noise
     if isinstance(noise, str) and noise == "auto":
@@ -144,11 +168,10 @@ def check_noise(noise: Any) -> Sensor:
 
 
 def level(op: SensingOperator, y: np.ndarray) -> np.ndarray:
-    """The start called "adjoint": y shared out so that a uniform scene comes out as it is.
+    """The initial estimate "adjoint", (V, B, H, W): the same picture in each frame of each view.
 
-    Every frame of every view gets ``S y / (S^2 + gram / 4)``, S the sum of the masks: the best guess of a level common
-    to all of them. It is Phi^T y, averaged over views and frames, with weights that undo the masks. Pixels that no mask
-    lets light to get the mean of the nearest that have some.
+    The picture is ``S y / (S^2 + gram / 4)``, where S is the sum of the masks: a regularised least-squares estimate of
+    a level common to all frames. Pixels whose masks are all 0 get the mean of their neighbours.
     """
     total = op.masks.sum((0, 1), dtype=op.dtype)
     below = total**2 + op.gram / 4
@@ -167,7 +190,7 @@ def level(op: SensingOperator, y: np.ndarray) -> np.ndarray:
 
 
 def check_scene(scene: Any, op: SensingOperator) -> None:
-    """Raise an InputError if `scene` is neither "auto", "full" nor a model of so many views."""
+    """Raise an InputError if `scene` is not "auto", "full" or a SceneModel with the operator's number of views."""
     if not isinstance(scene, SceneModel):
         one_of("scene", scene, ("auto", "full"), " or a SceneModel")
     elif len(scene.views) != op.shape[0] or not any(scene.views):

@@ -1,4 +1,4 @@
-"""What is modelled of a scene: which views hold anything, and which of them stand still."""
+"""The scene model: which views are dark, and which are still."""
 
 from __future__ import annotations
 
@@ -14,16 +14,26 @@ from pnp_sci.sensing.operator import SensingOperator
 
 @dataclass(frozen=True)
 class SceneModel:
-    """What is modelled of a scene.
+    """Which parts of a video are variables of the reconstruction.
 
     Attributes
     ----------
     views : tuple of bool
-        Which views hold anything; the others come out as 0.
+        Whether each view is modelled; the others are dark, and their result is 0.
     still : bool or tuple of bool
-        Whether one frame of a view stands for all of them; one answer for all views, or one for each. Kept as a tuple.
+        Whether all frames of a view are equal; one value for all views, or one for each. Stored as a tuple.
     reason : str
-        In words.
+        Why this model was chosen.
+
+    Raises
+    ------
+    InputError, InputTypeError
+        If `views` or `still` are not bool, or differ in length.
+
+    Examples
+    --------
+    >>> SceneModel((True, True), still=(True, False)).nothing_moves
+    False
     """
 
     views: tuple[bool, ...]
@@ -45,24 +55,23 @@ class SceneModel:
 
     @property
     def complete(self) -> bool:
-        """Whether every view and frame is modelled; then nothing is copied."""
+        """Whether all frames of all views are modelled."""
         return all(self.views) and not self._still_of_lit.any()
 
     @property
     def nothing_moves(self) -> bool:
-        """Whether all views that hold anything stand still."""
+        """Whether all modelled views are still."""
         return bool(self._still_of_lit.all())
 
     @property
     def _still_of_lit(self) -> np.ndarray:
-        """Which of the views that hold anything stand still."""
+        """Whether each of the modelled views is still."""
         return np.array(self.still)[np.array(self.views)]
 
     def reduce(self, op: SensingOperator) -> SensingOperator:
-        """The operator of what is modelled: masks of the views there are, summed over time if nothing moves.
+        """The operator of the modelled part: masks of the modelled views, summed over time if nothing moves.
 
-        A view that stands still beside another that moves has the mean of its masks for each of its frames: they then
-        measure the same and stay the same.
+        If other views move, a still view has the mean of its masks for each of its frames, which keeps them equal.
         """
         if self.complete:
             return op
@@ -75,7 +84,7 @@ class SceneModel:
         return SensingOperator(masks, op.dtype)
 
     def restrict(self, x: np.ndarray) -> np.ndarray:
-        """Of a video (V, B, H, W), what is modelled."""
+        """The modelled part of a video x (V, B, H, W), for :meth:`reduce`'s operator."""
         if self.complete:
             return x
         kept = x[np.array(self.views)]
@@ -83,7 +92,7 @@ class SceneModel:
         return kept[:, :1] if self.nothing_moves else kept
 
     def expand(self, x: np.ndarray, shape: tuple[int, ...]) -> np.ndarray:
-        """The video (V, B, H, W) of what was modelled."""
+        """The video of `shape` (V, B, H, W) from its modelled part x; the inverse of :meth:`restrict`."""
         if self.complete:
             return x
         full = np.zeros(shape, x.dtype)
@@ -94,13 +103,13 @@ class SceneModel:
         return full
 
     def at_rest(self, parts: Sequence[float]) -> list[float | None]:
-        """The part of each view that stands still, from that of the modelled ones; None where nothing is known."""
+        """Fraction of still pixels of each view, from `parts` of the modelled views; None for dark and still views."""
         known = dict(zip(np.flatnonzero(self.views).tolist(), parts))
         moving = [lit and not still for lit, still in zip(self.views, self.still)]  # type: ignore[arg-type]
         return [round(float(known[v]), 3) if moves and v in known else None for v, moves in enumerate(moving)]
 
     def describe(self, op: SensingOperator) -> dict[str, Any]:
-        """For `Result.scene`."""
+        """The entries of `Result.scene`, values for JSON."""
         views, frames = op.shape[:2]
         modelled = sum(1 if still else frames for still in self._still_of_lit)
         alike = self.nothing_moves or not self._still_of_lit.any()
@@ -116,5 +125,5 @@ def _bools(name: str, values: Any, expected: str) -> tuple[bool, ...]:
 
 
 def full(op: SensingOperator, reason: str = "as asked for") -> SceneModel:
-    """Everything is modelled."""
+    """The model in which all frames of all views are variables."""
     return SceneModel((True,) * op.shape[0], False, reason)

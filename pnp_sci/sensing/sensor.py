@@ -1,4 +1,4 @@
-"""What a camera makes of the light that reaches it, and what its pictures then say of that light."""
+"""The camera model: noise, saturation and quantisation of a measurement."""
 
 from __future__ import annotations
 
@@ -11,38 +11,38 @@ import numpy as np
 from pnp_sci._validate import finite_number, whole
 from pnp_sci.errors import InputError
 
-CLIPPED, FEW = 1e-3, 16  # portion and number of pixels that have the largest value of y where it was clipped
-AROUND = 1.5  # pixels: width of the mean that tells how much light a pixel gets
-MANY = 1e9  # electrons in a pixel: from here on their noise is normal to all digits
-REACHED = 1e-6  # of the full scale: pixels as close to it as that have reached it
+CLIPPED, FEW = 1e-3, 16  # smallest fraction and number of pixels at the maximum of y that indicate saturation
+AROUND = 1.5  # pixels: standard deviation of the Gaussian mean that estimates the light of a pixel
+MANY = 1e9  # electrons per pixel from which photon noise is drawn from a normal distribution
+REACHED = 1e-6  # of the full scale: tolerance of the saturation test
 
 _log = logging.getLogger("pnp_sci")
 
 
 @dataclass(frozen=True, repr=False)
 class Sensor:
-    """A camera: photon noise, read noise, a largest value and grey levels.
+    """A camera: photon noise, read noise, full scale and grey levels.
 
-    The variance of a pixel is ``read_noise**2 + gain * y``, and a twelfth of the squared distance of two grey levels.
-    A pixel at full scale says only that there was at least so much light.
+    The variance of a pixel is ``read_noise**2 + gain * y + step**2 / 12``, where `step` is the distance between two
+    grey levels. For a pixel at full scale, y is a lower bound of the light.
 
     Parameters
     ----------
     read_noise : "auto" or float
         Standard deviation of the noise in the dark, in the units of y, >= 0; "auto" estimates it from each measurement.
     gain : float
-        Units of y that an electron adds, >= 0; 0 is no photon noise. Needs a `read_noise` that is a number, and a y
-        whose black level has been taken off.
+        Units of y per electron, >= 0; with 0 there is no photon noise. It needs a number as `read_noise`, and a y from
+        which the black level has been subtracted.
     full_scale : float, optional
-        The largest value that the camera gives, > 0, less the black level if that has been taken off y: pixels that
-        reach it are saturated.
+        Largest value of the camera, > 0, without the black level if that has been subtracted from y. Pixels that reach
+        it are saturated.
     bits : int, optional
-        There are 2**bits grey levels from 0 to full scale; 1 to 32, needs `full_scale`.
+        The camera has 2**bits grey levels from 0 to full scale; 1 to 32, needs `full_scale`.
 
     Raises
     ------
-    InputError
-        If a field is out of its range, or needs another one.
+    InputError, InputTypeError
+        If a field is out of its range or of a wrong type, or needs another field.
 
     Examples
     --------
@@ -84,13 +84,23 @@ class Sensor:
 
     @property
     def step(self) -> float:
-        """From one grey level to the next, in the units of y; 0 without levels."""
+        """Distance between two grey levels in the units of y; 0 without quantisation."""
         return self.full_scale / (2**self.bits - 1) if self.full_scale and self.bits else 0.0
 
     def expose(self, clean: np.ndarray, seed: int = 0) -> np.ndarray:
-        """The picture (H, W), floating, that the camera takes of a measurement without noise (H, W), in its units."""
+        """Add noise to a noise-free measurement `clean` (H, W), then clip and quantise it.
+
+        Returns
+        -------
+        ndarray of float32 or float64, (H, W)
+
+        Raises
+        ------
+        InputError
+            If `read_noise` is "auto", or `clean` has negative values and there is a gain.
+        """
         if self.read_noise == "auto":
-            raise InputError('read_noise is "auto": a number was expected, for there is no measurement to take it from')
+            raise InputError('read_noise is "auto": a number was expected, as there is no measurement to estimate from')
         random = np.random.default_rng(seed)
         y = clean.astype(np.float64)
         if self.gain > 0:
@@ -108,10 +118,10 @@ class Sensor:
         return y.astype(np.result_type(clean, np.float32))
 
     def deviation(self, y: np.ndarray) -> np.ndarray | float:
-        """Standard deviation of the noise of each pixel of y (H, W); one number where all have the same.
+        """Standard deviation of the noise of each pixel of y (H, W); one number if it is equal for all pixels.
 
-        The light of a pixel is taken from the mean around it, and to be an electron at least: by its own value, a pixel
-        that happens to count little would be trusted most.
+        The light of a pixel is estimated by a local mean, and is at least one electron. The value of the pixel itself
+        would bias the estimate: pixels with few counts would have too large a weight.
         """
         from scipy.ndimage import gaussian_filter
 
@@ -120,10 +130,10 @@ class Sensor:
         if self.gain == 0:
             return constant
         light = np.maximum(gaussian_filter(y.astype(np.float64), AROUND, mode="nearest"), self.gain)
-        return np.hypot(constant, np.sqrt(self.gain) * np.sqrt(light))  # squares could overflow
+        return np.hypot(constant, np.sqrt(self.gain) * np.sqrt(light))  # the product of the squares could overflow
 
     def saturated(self, y: np.ndarray) -> np.ndarray | None:
-        """Which pixels of y are at full scale, bool (H, W); None if there are none."""
+        """Whether each pixel of y (H, W) is at full scale, bool (H, W); None if no pixel is."""
         if self.full_scale is None:
             return None
         reached = y >= self.full_scale * (1 - REACHED) - self.step / 2
@@ -131,16 +141,16 @@ class Sensor:
 
 
 def warn_if_saturated(noise: Any, measurements: np.ndarray) -> None:
-    """Log a warning if one of the measurements (N, H, W) looks saturated, and `noise` does not speak of the camera."""
+    """Log a warning if one of the measurements (N, H, W) looks saturated and `noise` is not a Sensor."""
     if not isinstance(noise, Sensor) and any(map(looks_saturated, measurements)):
         _log.warning(
-            "y has many pixels at exactly its largest value: if the camera was saturated there, say so with "
+            "y has many pixels at exactly its largest value: if the camera was saturated there, use "
             "noise=pnp_sci.Sensor(full_scale=...)"
         )
 
 
 def looks_saturated(y: np.ndarray) -> bool:
-    """Whether y (H, W) piles up at its largest value: a thousandth of it is there, and more than in the 2 % below."""
+    """Whether at least 0.1 % of the pixels of y (H, W) have its largest value, more than lie within 2 % below it."""
     highest = y.max()
     there, near = np.count_nonzero(y == highest), np.count_nonzero(y >= 0.98 * highest)
     return bool(highest > 0 and there >= max(CLIPPED * y.size, FEW) and near < 2 * there < y.size)

@@ -1,4 +1,4 @@
-"""What a camera would measure."""
+"""Simulation of measurements."""
 
 from __future__ import annotations
 
@@ -22,26 +22,26 @@ def simulate(
     bits: int | None = None,
     peak: float | None = None,
 ) -> np.ndarray:
-    """The measurement of a video through masks, with the noise and the grey levels of a camera.
+    """Simulate the measurement of a video through masks, with noise and quantisation.
 
-    ``y = Phi x``, then ``y + noise * peak * n`` with n standard normal, the noise protocol of the OFaNet paper; then,
-    if `bits` is given, y is clipped to [0, peak] and rounded to 2**bits levels. Or what a :class:`~pnp_sci.Sensor`
-    makes of ``Phi x``.
+    ``y = Phi x + noise * peak * n`` with n standard normal, the noise protocol of the OFaNet paper. If `bits` is given,
+    y is then clipped to [0, peak] and rounded to 2**bits levels. A :class:`~pnp_sci.Sensor` as `noise` models the
+    camera instead.
 
     Parameters
     ----------
     video : array_like, (V, B, H, W) or (B, H, W), or a path
-        In any units: the measurement has the same. From a file, its planes are shared among the views of `masks`.
+        In any units, which are those of the measurement. The planes of a file are divided among the views of `masks`.
     masks : array_like, (V, B, H, W) or (B, H, W)
     noise : float or Sensor
-        Standard deviation of the noise, relative to `peak`; >= 0. Or the camera, in the units of the measurement; it
-        has its own `bits` and its own full scale.
+        Standard deviation of the noise relative to `peak`, >= 0; or the camera, in the units of the measurement.
     seed : int
-        Of the noise.
+        Random seed of the noise.
     bits : int, optional
-        Of the camera, 1 to 32; no rounding by default.
+        Bits of the camera, 1 to 32; by default no rounding. Not beside a Sensor.
     peak : float, optional
-        Full scale of the camera, in units of the measurement; > 0. Default: the largest value of the clean measurement.
+        Full scale of the camera, in units of the measurement, > 0. By default the largest value of the noise-free
+        measurement. Not beside a Sensor.
 
     Returns
     -------
@@ -50,7 +50,7 @@ def simulate(
     Raises
     ------
     InputError, InputTypeError
-        If `video` and `masks` differ in shape, or a number is out of its range.
+        If `video` and `masks` differ in shape, or an argument is out of its range.
 
     Examples
     --------

@@ -1,6 +1,6 @@
-"""The sensing operator as a module of torch, for networks and unrolled solvers: autograd, CPU and CUDA.
+"""The sensing operator as a ``torch.nn.Module`` with autograd, for networks and unrolled solvers; CPU and CUDA.
 
-This module imports torch; nothing in :mod:`pnp_sci` imports it before it is asked for.
+This module imports torch; :mod:`pnp_sci` imports it on first use only.
 """
 
 from __future__ import annotations
@@ -19,17 +19,17 @@ _FLOATING = (torch.float32, torch.float64)
 class TorchSensingOperator(torch.nn.Module):
     """Phi of :class:`~pnp_sci.sensing.operator.SensingOperator` on tensors, differentiable, with any batch dimensions.
 
-    ``y = sum over views v and frames b of masks[v, b] * x[v, b]``. Masks and gram are buffers: they move with
-    ``.to(device)`` and ``.double()`` and are saved in the ``state_dict``.
+    ``y = sum over views v and frames b of masks[v, b] * x[v, b]``. Masks and gram are buffers: ``.to(device)`` and
+    ``.double()`` apply to them, and the ``state_dict`` contains them.
 
     Parameters
     ----------
     masks : array_like, Tensor, (V, B, H, W) or (B, H, W), or SensingOperator
-        Any real values; 3-D masks mean a single view. bool and uint8 are kept at one byte an element.
+        Any real values; 3-D masks are a single view. bool and uint8 are stored with one byte per element.
     dtype : torch.float32 or torch.float64, optional
-        Of videos and measurements. Default: float64 if masks are float64, else float32.
+        Type of videos and measurements. By default float64 if masks are float64, else float32.
     device : torch.device or str, optional
-        Default: that of masks if they are a tensor, else the CPU.
+        By default that of masks if they are a tensor, else the CPU.
 
     Attributes
     ----------
@@ -42,7 +42,7 @@ class TorchSensingOperator(torch.nn.Module):
     Raises
     ------
     InputError, InputTypeError
-        If masks are not (V, B, H, W) finite real numbers, or dtype is another one.
+        If masks are not finite real numbers (V, B, H, W), or dtype is another one.
 
     Examples
     --------
@@ -71,13 +71,13 @@ class TorchSensingOperator(torch.nn.Module):
             masks = masks.detach().cpu().numpy()
         array = as_masks(masks, np.dtype(np.float64) if dtype == torch.float64 else None)
         dtype = dtype or (torch.float64 if array.dtype == np.float64 else torch.float32)
-        # one byte an element stays so; a copy, because the masks that came in are the caller's
+        # a copy, as the array may be the caller's
         tensor = torch.tensor(array, dtype=torch.uint8 if array.dtype == np.uint8 else dtype, device=device)
         self.register_buffer("masks", tensor)
         self.register_buffer("gram", tensor.to(dtype).square().sum((0, 1)))
 
     def extra_repr(self) -> str:
-        """What ``print`` shows between the brackets."""
+        """Text of ``repr`` between the parentheses."""
         views, frames, rows, columns = self.shape
         return f"{views} x {frames} masks of {rows} x {columns}, {self.masks.dtype} -> {self.dtype}"
 
@@ -88,7 +88,7 @@ class TorchSensingOperator(torch.nn.Module):
 
     @property
     def dtype(self) -> torch.dtype:
-        """Of videos and measurements."""
+        """Type of videos and measurements."""
         return self.gram.dtype
 
     def forward(self, x: Any) -> torch.Tensor:
@@ -96,11 +96,13 @@ class TorchSensingOperator(torch.nn.Module):
         return (self.masks * self._tensor("x", x, self.shape)).sum((-4, -3))
 
     def adjoint(self, y: Any) -> torch.Tensor:
-        """Phi^T y: (..., V, B, H, W), measurements (..., H, W) seen through each mask."""
+        """Phi^T y: measurements (..., H, W) times each mask, (..., V, B, H, W)."""
         return self.masks * self._tensor("y", y, self.shape[2:])[..., None, None, :, :]
 
     def project(self, x: Any, y: Any, rho: float | torch.Tensor = 0.0) -> torch.Tensor:
-        """``x + Phi^T (y - Phi x) / (gram + rho)``; pixels where ``gram + rho`` is 0 keep their value.
+        """``x + Phi^T (y - Phi x) / (gram + rho)``, see :meth:`pnp_sci.SensingOperator.project`; differentiable.
+
+        Pixels where ``gram + rho`` is 0 keep their value.
 
         Parameters
         ----------
@@ -108,13 +110,17 @@ class TorchSensingOperator(torch.nn.Module):
         y : Tensor or array_like, (..., H, W)
             Its batch dimensions broadcast against those of x.
         rho : float or Tensor
-            >= 0, in units of gram: one for all, one for each measurement (...), or one for each of its pixels
-            (..., H, W). A tensor may be learned.
+            >= 0, in units of gram: one value, one for each measurement (...), or one for each pixel (..., H, W). A
+            tensor may require gradients.
+
+        Returns
+        -------
+        Tensor, (..., V, B, H, W)
 
         Raises
         ------
         InputError, InputTypeError
-            If a shape does not end as the masks have it, values are not real, or rho is negative.
+            If the last dimensions differ from those of the masks, values are not real, or rho is negative.
         """
         rho = rho if isinstance(rho, torch.Tensor) else torch.tensor(rho, dtype=self.dtype, device=self.gram.device)
         smallest = float(rho.detach().min())

@@ -2,11 +2,20 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
+from dataclasses import dataclass, replace
 
+from pnp_sci._tuned import Tuned
 from pnp_sci.solvers.state import State
 
-POWER = 5  # the n-th iterate of a mean weighs about n to this power
+
+@dataclass(frozen=True)
+class AveragingNumbers(Tuned):
+    """Weights of a mean of iterates."""
+
+    power: int = 5  # the n-th iterate of a mean weighs about n to this power
+
+
+TUNED = AveragingNumbers()
 
 
 class RunningMean:
@@ -22,7 +31,7 @@ class RunningMean:
     def __call__(self, state: State, averages: bool) -> State:
         """The state with the mean in the place of its estimate; the state itself while nothing is averaged."""
         self.count = self.count + 1 if averages else 0
-        share = (POWER + 1) / (self.count + POWER)
+        share = (TUNED.power + 1) / (self.count + TUNED.power)
         self.mean = _mixed(self.mean, state, share) if self.mean is not None and self.count > 1 else state
         return self.mean
 

@@ -2,17 +2,27 @@
 
 from __future__ import annotations
 
+from dataclasses import dataclass
+
 import numpy as np
 
+from pnp_sci._tuned import Tuned
 from pnp_sci.sensing.operator import SensingOperator
 from pnp_sci.solvers.state import Denoise, State, missing
 
-# Chosen on clips of the validation: with up to 5 in the place of 3 `video` and `flow` have with two views what they had
-# some five iterations later, and with one view as much as before, in the mean of their iterates; up to 7 brings no
-# more. `tv` stays as it is. To slow down only where moves turn by more than a right angle lets detail flicker.
-FASTEST = 5.0
-FASTER, SLOWER = 1.25, 0.6
-STEADY, TURNING = 0.6, 0.25  # parts of a move that are found again in the next: above, below
+
+@dataclass(frozen=True)
+class PaceNumbers(Tuned):
+    """How the pace of the multiplier follows its moves."""
+
+    fastest: float = 5.0  # largest pace
+    faster: float = 1.25  # factor of the pace after a steady move
+    slower: float = 0.6  # factor after a move that turns
+    steady: float = 0.6  # part of a move that is found again in the next, above which it is steady
+    turning: float = 0.25  # ... below which it turns
+
+
+TUNED = PaceNumbers()
 
 
 def gap_step(
@@ -64,7 +74,7 @@ def _multiplier(
 
 
 def pace_after(pace: float, move: np.ndarray, following: np.ndarray) -> float:
-    """The pace for the next iteration, from 1 to `FASTEST`, from two moves of the multiplier (H, W) in a row.
+    """The pace for the next iteration, from 1 to `TUNED.fastest`, from two moves of the multiplier (H, W) in a row.
 
     Of what the multiplier adds to x, a denoiser keeps a part d, and one iteration leaves ``1 - d tau`` of a residual:
     detail, of which strong denoisers keep a few per cent, comes slowly, but from ``d tau = 2`` on the residual changes
@@ -74,9 +84,9 @@ def pace_after(pace: float, move: np.ndarray, following: np.ndarray) -> float:
     (2.5, 1.2)
     """
     kept, square = (float(np.einsum("ij,ij", move, m)) for m in (following, move))
-    if kept < TURNING * square:
-        return max(SLOWER * pace, 1.0)
-    return min(FASTER * pace, FASTEST) if kept > STEADY * square else pace
+    if kept < TUNED.turning * square:
+        return max(TUNED.slower * pace, 1.0)
+    return min(TUNED.faster * pace, TUNED.fastest) if kept > TUNED.steady * square else pace
 
 
 def plain_gap_step(

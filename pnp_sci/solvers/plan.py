@@ -8,18 +8,29 @@ from typing import Any
 
 import numpy as np
 
+from pnp_sci._tuned import Tuned
 from pnp_sci.plugins.combine import Stages, Turn, serving, turns
 from pnp_sci.plugins.protocols import Prior
 from pnp_sci.sensing.operator import SensingOperator
 from pnp_sci.solvers.schedule import Schedule, contrast, schedule_for
 
-# Iterations of a plain prior. TV has converged to 0.05 dB by 100.
-EFFORTS = {"fast": 50, "balanced": 100, "best": 200}
-FEW, SOONER = 4, 0.15  # with fewer frames of all views, so much less for each that is missing
-# Calls of a strong prior after its warm-up: for each frame of all views, within these limits
-PER_FRAME = {"fast": 0, "balanced": 1.5, "best": 2.5}
-LEAST, MOST = {"fast": 20, "balanced": 30, "best": 30}, 50
-WARMUP = 30  # iterations of a strong prior's warm-up that are planned at least
+
+@dataclass(frozen=True)
+class EffortNumbers(Tuned):
+    """Iterations of an effort."""
+
+    fast: int = 50  # iterations of a plain prior
+    balanced: int = 100
+    best: int = 200
+    strong_fast: int = 20  # calls of a strong prior after its warm-up
+    strong: int = 30  # ... with any other effort, at least
+    per_frame: float = 1.5  # ... for each frame of all views, where that is more
+    per_frame_best: float = 2.5
+    strong_most: int = 50  # ... at most
+
+
+TUNED = EffortNumbers()
+EFFORTS = "fast", "balanced", "best"
 
 
 @dataclass(frozen=True, eq=False)
@@ -107,7 +118,8 @@ def enough(prior: Prior, shape: Sequence[int], effort: str, frames: int, schedul
     """How many iterations an effort allows if so many frames of all views are modelled; noise takes some of them."""
     traits = prior.traits(tuple(shape))
     if not traits.strong:
-        return max(EFFORTS["fast"], round(EFFORTS[effort] * (1 - SOONER * max(FEW - frames, 0))))
-    calls = round(min(max(PER_FRAME[effort] * frames, LEAST[effort]), MOST))
-    warmup = traits.warmup[1] if traits.warmup else 0
-    return max(warmup, WARMUP) + schedule.enough(calls)
+        return {"fast": TUNED.fast, "balanced": TUNED.balanced, "best": TUNED.best}[effort]
+    per_frame = {"fast": 0.0, "balanced": TUNED.per_frame, "best": TUNED.per_frame_best}[effort]
+    least = TUNED.strong_fast if effort == "fast" else TUNED.strong
+    calls = round(min(max(per_frame * frames, least), TUNED.strong_most))
+    return (traits.warmup[1] if traits.warmup else 0) + schedule.enough(calls)

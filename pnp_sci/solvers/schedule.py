@@ -6,22 +6,28 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from pnp_sci._tuned import Tuned
 from pnp_sci.sensing.operator import SensingOperator
 
-# Without noise; accelerated GAP with TV converges to the same limit for any, quickest around this one.
-SIGMA = 0.05
-# ... times so much, for so many frames of all views: of many, better priors come sooner to what there is with more. On
-# validation clips 1.25 gains 0.1 dB with two views of 14, but more than 1.15 would be noise to TV (TRUSTED). With one
-# view of 8, 0.8 is 0.1 dB better where little moves and 0.2 worse where much does.
-FRAMES, TIMES = (20, 28), (1, 1.15)
-BALANCE = 0.6  # sigma * rho per variance of the noise, where that is small
-LOUD_BALANCE = 12.6  # ... and where it is not, for fewer than 20 frames of all views: this over one more than those
-LOUD = 0.03  # noise in a pixel of x, ``noise / sqrt(gram)``, that is half way from the one to the other
-SOFTEST = 0.15  # largest rho at the beginning, in units of the mean gram: with more, the data act slowly
-FALL = 40  # iterations in which a sigma that noise has raised falls
-ENOUGH = 20  # calls, after those of TV, that strong noise leaves of use to a thorough prior
 HALF_OPEN = 0.22  # spread over level of 20 binary masks of density 1/2
-MORE = 60  # ... and as many more are of use with weak noise
+
+
+@dataclass(frozen=True)
+class ScheduleNumbers(Tuned):
+    """How strongly the prior denoises and how far the data are trusted, in units where x spans [0, 1]."""
+
+    sigma: float = 0.05  # sigma without noise
+    many: float = 1.15  # factor of sigma for 28 frames of all views and more, 1 for 20
+    balance: float = 0.6  # sigma * rho per variance of the noise, where that is small
+    loud_balance: float = 12.6  # ... where it is not: this over one more than the frames of all views
+    loud: float = 0.03  # noise in a pixel of x half way from the one to the other
+    softest: float = 0.15  # largest rho at the beginning, in units of the mean gram
+    fall: int = 40  # iterations in which sigma falls that noise has raised
+    enough: int = 20  # calls of a strong prior that are of use with strong noise
+    more: int = 60  # calls that are of use beyond those with weak noise
+
+
+TUNED = ScheduleNumbers()
 
 
 def contrast(op: SensingOperator) -> float:
@@ -64,11 +70,11 @@ class Schedule:
         """
         if not np.any(self.product):
             return most
-        return min(most, round(ENOUGH + MORE * (SIGMA / max(self.last, SIGMA)) ** 4))
+        return min(most, round(TUNED.enough + TUNED.more * (TUNED.sigma / max(self.last, TUNED.sigma)) ** 4))
 
     def at(self, iteration: int) -> tuple[float, float | np.ndarray]:
         """sigma, and rho of the projection, for the iteration after so many."""
-        sigma = self.first * (self.last / self.first) ** min(iteration / FALL, 1) if self.first > 0 else 0.0
+        sigma = self.first * (self.last / self.first) ** min(iteration / TUNED.fall, 1) if self.first > 0 else 0.0
         return sigma, self.product / sigma if sigma > 0 else 0.0
 
 
@@ -94,14 +100,14 @@ def schedule_for(op: SensingOperator, noise: float | np.ndarray, sigma: float | 
     mean = float(np.mean(product))
     if sigma is not None:
         return Schedule(product, sigma, sigma)
-    quiet = SIGMA * float(np.interp(frames, FRAMES, TIMES))
-    first = max(quiet, mean / (SOFTEST * gram)) if mean > 0 else quiet
+    quiet = TUNED.sigma * float(np.interp(frames, (20, 28), (1, TUNED.many)))
+    first = max(quiet, mean / (TUNED.softest * gram)) if mean > 0 else quiet
     return Schedule(product, first, float(np.sqrt(first * quiet)))
 
 
 def _product(noise: float | np.ndarray, gram: float, frames: int) -> float | np.ndarray:
     """sigma * rho, see :func:`schedule_for`."""
     in_x = noise / np.sqrt(gram)
-    loud = in_x**2 / (in_x**2 + LOUD**2)
-    balance = BALANCE + max(LOUD_BALANCE / (1 + frames) - BALANCE, 0) * loud
+    loud = in_x**2 / (in_x**2 + TUNED.loud**2)
+    balance = TUNED.balance + max(TUNED.loud_balance / (1 + frames) - TUNED.balance, 0) * loud
     return balance * noise**2 / (1 + in_x)

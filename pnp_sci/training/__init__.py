@@ -1,1 +1,1 @@
-"""What the trainers of learned parts share: clips, and the loop to the end of a budget. Needs torch."""
+"""Shared code of the trainers: clips and the training loop. Needs torch."""

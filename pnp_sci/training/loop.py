@@ -1,4 +1,4 @@
-"""The training loop: one process or several (torchrun), CPU or CUDA, to the end of a budget of minutes or steps."""
+"""The training loop for one or several processes (torchrun), CPU or CUDA, with a budget of minutes or steps."""
 
 from __future__ import annotations
 
@@ -25,12 +25,12 @@ from pnp_sci.training.muon import Muon
 
 log = logging.getLogger(__name__)
 
-AGREE = 20  # steps between two looks of all processes at the first one's clock
-WARM_UP = 0.01  # of the budget
-DECAY = 0.999  # of the moving average; less in the beginning, see `share`
-DECAYED = 1e-4  # part of the rate by which each step shrinks the weights
+AGREE = 20  # steps from one broadcast of the elapsed time to the next
+WARM_UP = 0.01  # fraction of the budget with a linearly rising rate
+DECAY = 0.999  # of the exponential moving average of the weights; smaller in the first steps, see share
+DECAYED = 1e-4  # weight decay
 OPTIMIZERS = ("adam", "muon")
-SCHEDULES: dict[str, Callable[[float], float]] = {  # part of the budget that is spent -> part of the highest rate
+SCHEDULES: dict[str, Callable[[float], float]] = {  # fraction of the budget -> fraction of the highest rate
     "cosine": lambda done: min(done / WARM_UP, 0.5 + 0.5 * math.cos(math.pi * done)),
     "steps": lambda done: 0.9 ** int(9 * done),  # OFaNet's: 10 % less every ten of ninety epochs
 }
@@ -38,7 +38,7 @@ SCHEDULES: dict[str, Callable[[float], float]] = {  # part of the budget that is
 
 @dataclass(frozen=True)
 class Budget:
-    """How long is trained and how fast: until `steps`, or else for `minutes`; `out` holds checkpoint and curves."""
+    """Length of training and learning rate: `steps` if given, else `minutes`; `out` holds checkpoint and curves."""
 
     out: Path
     minutes: float = 90.0
@@ -46,13 +46,13 @@ class Budget:
     seed: int = 0
     rate: float = 1e-3
     schedule: str = "cosine"
-    optimizer: str = "adam"  # or "muon" for the kernels of convolutions, which learns more in a step
-    validations: int = 20  # in the whole budget, each with a checkpoint; their time does not count
+    optimizer: str = "adam"  # or "muon" for the kernels of convolutions
+    validations: int = 20  # number in the whole budget, each with a checkpoint; the budget excludes their time
 
 
 @dataclass
 class Progress:
-    """How far training is. seconds: time spent in steps, by the first process's clock; rows: the curves."""
+    """State of training. seconds: time in steps, by the clock of process 0; rows: the curves."""
 
     step: int = 0
     seconds: float = 0.0
@@ -61,7 +61,7 @@ class Progress:
 
 @dataclass(frozen=True)
 class Place:
-    """Which of how many processes this is, and where it computes."""
+    """Rank of this process, number of processes, and device."""
 
     rank: int
     world: int
@@ -69,13 +69,13 @@ class Place:
 
     @classmethod
     def here(cls, device: str = "auto") -> Place:
-        """As torchrun's environment says; "auto" is CUDA where there is one."""
+        """From the environment variables of torchrun; "auto" is CUDA if available, else the CPU."""
         if device == "auto":
             device = f"cuda:{os.environ.get('LOCAL_RANK', 0)}" if torch.cuda.is_available() else "cpu"
         return cls(int(os.environ.get("RANK", 0)), int(os.environ.get("WORLD_SIZE", 1)), torch.device(device))
 
     def hardware(self) -> str:
-        """Describe the machine in kind, not by name."""
+        """Describe the hardware without the name of the machine."""
         if self.device.type == "cuda":
             return f"{self.world} x {torch.cuda.get_device_name(self.device)}"
         capability = torch.backends.cpu.get_cpu_capability()
@@ -84,50 +84,50 @@ class Place:
 
 
 class Task(Protocol):
-    """What is trained: a network, its loss and its validation. The loop knows nothing else of it."""
+    """Interface between the loop and a training task: a network, its loss and its validation."""
 
     @property
     def name(self) -> str:
-        """What the checkpoint says it holds."""
+        """Name in the checkpoint; a resumed run must have the same."""
         ...
 
     @property
     def settings(self) -> str:
-        """What else a run that is resumed must have been begun with, in words."""
+        """Description of the settings in the checkpoint; a resumed run must have the same."""
         ...
 
     @property
     def network(self) -> torch.nn.Module:
-        """What learns."""
+        """The trained network."""
         ...
 
     @property
     def scores(self) -> tuple[str, ...]:
-        """What `validate` measures, as the curves name it."""
+        """Names of the scores of `validate`, columns of the curves."""
         ...
 
     @property
     def compiled(self) -> Sequence[torch.nn.Module]:
-        """The parts of `network` that are worth compiling where there is CUDA."""
+        """Modules to compile on CUDA."""
         ...
 
     def loss(self, model: torch.nn.Module, place: Place, step: int) -> torch.Tensor:
-        """The loss of one batch, the same for the same rank and step; `model` is `network`, perhaps wrapped."""
+        """Loss of one batch, determined by rank and step; `model` is `network`, or its distributed wrapper."""
         ...
 
     def validate(self, network: torch.nn.Module, place: Place) -> torch.Tensor:
-        """Sum of each score over the validation cases of this process, then their number."""
+        """Sum of each score over the validation cases of this process, then the number of cases."""
         ...
 
     def publish(self, network: torch.nn.Module, progress: Progress, place: Place) -> None:
-        """Write weights and model card of the averaged `network`."""
+        """Write the weights and the model card of `network`, which has the averaged weights."""
         ...
 
 
 class Clock:
-    """Times laps; one that lasts over five times the median counts as that: the process was paused.
+    """Measures the time of laps, without pauses: a lap counts at most five times the median lap.
 
-    What passes before the first lap ends does not count: kernels are compiled and chosen there.
+    The time before the end of the first lap does not count, because it includes compilation.
     """
 
     def __init__(self) -> None:
@@ -135,11 +135,11 @@ class Clock:
         self.last = math.inf
 
     def restart(self) -> None:
-        """Leave out what has passed since the last lap."""
+        """Discard the time since the last lap."""
         self.last = time.perf_counter()
 
     def lap(self) -> float:
-        """Return the seconds to count for the lap that ends now."""
+        """End a lap; return its seconds, without pauses."""
         now = time.perf_counter()
         lasted, self.last = now - self.last, now
         if lasted < 0:
@@ -149,16 +149,15 @@ class Clock:
 
 
 def share(steps: int) -> float:
-    """Part of the way to the current weights that their average moves in a step which so many have preceded.
+    """Weight of the current weights in the moving average, after `steps` earlier steps.
 
-    It is ``9 / (9 + steps)``, ``1 - DECAY`` at least, and 1 in the first step. So the average forgets the first steps,
-    far from anything useful, in a short training too.
+    It is ``9 / (9 + steps)``, but at least ``1 - DECAY``. So the first steps have little weight in short trainings too.
     """
     return max(1 - DECAY, 9 / (9 + steps))
 
 
 def optimizers(network: torch.nn.Module, budget: Budget) -> list[torch.optim.Optimizer]:
-    """What moves the weights that learn: Adam all of them, or Muon the kernels and Adam the others."""
+    """The optimisers of the trainable weights: Adam for all, or Muon for the kernels and Adam for the others."""
     learned = [p for p in network.parameters() if p.requires_grad]
     kernels = [p for p in learned if p.ndim == 4 and budget.optimizer == "muon"]
     others = [p for p in learned if p.ndim != 4 or budget.optimizer != "muon"]
@@ -171,23 +170,23 @@ def optimizers(network: torch.nn.Module, budget: Budget) -> list[torch.optim.Opt
 
 
 class Trainer:
-    """Everything that a checkpoint must hold, and the steps that change it."""
+    """State of a training run, its steps and its checkpoints."""
 
     def __init__(self, task: Task, budget: Budget, place: Place):
         self.task, self.budget, self.place = task, budget, place
         self.network = task.network.to(place.device, memory_format=torch.channels_last)  # type: ignore[call-overload]
         self.progress = Progress()
-        # not torch's AveragedModel, whose count may lie on the device: to read it would wait; no network has buffers
+        # not torch's AveragedModel, whose counter on the device needs a synchronisation; the networks have no buffers
         self.average = deepcopy(self.network).requires_grad_(False)
         self.optimizers = optimizers(self.network, budget)
-        if place.device.type == "cuda":  # on the CPU compiling takes longer than it saves
+        if place.device.type == "cuda":  # on the CPU, compilation takes longer than it saves
             torch.backends.cudnn.benchmark = True
             for module in task.compiled:
                 module.compile()
         self.model = DistributedDataParallel(self.network) if place.world > 1 else self.network
 
     def done(self) -> float:
-        """Part of the budget that is spent, the same in all processes."""
+        """Fraction of the budget that is spent, equal in all processes."""
         if self.budget.steps is not None:
             return self.progress.step / self.budget.steps
         spent = torch.tensor([self.progress.seconds / (60 * self.budget.minutes)], device=self.place.device)
@@ -196,7 +195,7 @@ class Trainer:
         return spent.item()
 
     def step(self, done: float) -> torch.Tensor:
-        """One step of the optimisers; returns the loss."""
+        """Do one optimisation step; return the loss."""
         loss = self.task.loss(self.model, self.place, self.progress.step)
         self.network.zero_grad()
         loss.backward()
@@ -212,14 +211,14 @@ class Trainer:
         return loss.detach()
 
     def validate(self) -> list[float]:
-        """Mean scores of the averaged weights, NaN where there is no case; the processes share the cases."""
+        """Mean scores of the averaged weights over all processes; NaN without validation cases."""
         total = self.task.validate(self.average, self.place).to(self.place.device)
         if self.place.world > 1:
             distributed.all_reduce(total)
         return (total[:-1] / total[-1]).tolist()
 
     def publish(self) -> None:
-        """Write checkpoint, curves, weights and card; a file is renamed to its place when it is complete."""
+        """Write checkpoint (atomically), curves, weights and model card."""
         out = self.budget.out
         out.mkdir(parents=True, exist_ok=True)
         state = {
@@ -241,10 +240,16 @@ class Trainer:
         self.task.publish(self.average, self.progress, self.place)
 
     def resume(self) -> None:
-        """Continue where the checkpoint in the output folder stands."""
+        """Restore the state from the checkpoint in the output folder.
+
+        Raises
+        ------
+        FormatError
+            If there is no checkpoint, or it belongs to another task, other settings or another seed.
+        """
         checkpoint = self.budget.out / "checkpoint.pt"
         if not checkpoint.is_file():
-            raise FormatError(f"resume: {checkpoint} was expected, but there is none")
+            raise FormatError(f"resume: {checkpoint} does not exist")
         state = torch.load(checkpoint, map_location=self.place.device, weights_only=True)
         earlier = "an earlier version"
         held = state["name"], state.get("settings", earlier), state["seed"], state.get("by", earlier)
@@ -256,14 +261,14 @@ class Trainer:
             self.network.load_state_dict(state["network"])
             self.average.load_state_dict(state["average"])
         except RuntimeError as error:
-            raise FormatError(f"resume: the checkpoint is of {earlier}, whose weights do not fit") from error
+            raise FormatError(f"resume: the checkpoint is of {earlier}: its weights do not fit the network") from error
         for optimizer, kept in zip(self.optimizers, state["optimizers"]):
             optimizer.load_state_dict(kept)
         self.progress = Progress(**state["progress"])
 
 
 def train(task: Task, budget: Budget, place: Place, resume: bool = False) -> Progress:
-    """Train until the budget is spent; to resume a run that has spent its own only writes its files anew."""
+    """Train until the budget is spent; resuming a finished run only rewrites its files."""
     trainer = Trainer(task, budget, place)
     if resume:
         trainer.resume()
@@ -276,7 +281,7 @@ def train(task: Task, budget: Budget, place: Place, resume: bool = False) -> Pro
         losses.append(trainer.step(done))
         if budget.steps is not None or progress.step % AGREE == 0:
             if place.device.type == "cuda":
-                torch.cuda.synchronize()  # else the clock runs ahead of the device
+                torch.cuda.synchronize()  # CUDA calls return before they are done
             progress.seconds += clock.lap()
             done = trainer.done()
         if int(done * budget.validations) > mark:
@@ -293,15 +298,15 @@ def train(task: Task, budget: Budget, place: Place, resume: bool = False) -> Pro
 
 
 def launch(run: Callable[[], object]) -> None:
-    """Call `run`, within a process group if torchrun started this process."""
+    """Call `run`, in a process group if torchrun started this process."""
     logging.basicConfig(level=logging.INFO, format="%(asctime)s %(message)s")
     if int(os.environ.get("WORLD_SIZE", 1)) == 1:
         run()
         return
     backend = "nccl" if torch.cuda.is_available() else "gloo"
-    distributed.init_process_group(backend, timeout=timedelta(days=1))  # outlasts a run that somebody pauses
+    distributed.init_process_group(backend, timeout=timedelta(days=1))  # longer than a pause of the run
     try:
         run()
-        distributed.barrier()  # a process that ends while another still writes has been seen to abort
+        distributed.barrier()  # no process ends while another one still writes
     finally:
         distributed.destroy_process_group()

@@ -1,4 +1,4 @@
-"""Muon for convolutions: the momentum of each kernel, orthogonalised, is the step."""
+"""The Muon optimiser for convolutions: the step is the orthogonalised momentum of each kernel."""
 
 from __future__ import annotations
 
@@ -10,16 +10,21 @@ import torch
 
 from pnp_sci.accel.inference import half_precision
 
-NEWTON_SCHULZ = (3.4445, -4.7750, 2.0315)  # coefficients of Jordan et al.: singular values to about 0.7..1.2
-ROUNDS = 5
+NEWTON_SCHULZ = (3.4445, -4.7750, 2.0315)  # coefficients of Jordan et al. (2024): singular values of about 0.7 to 1.2
+ROUNDS = 5  # Newton-Schulz iterations
 MOMENTUM = 0.95
-ADAM = 0.2  # root mean square of Adam's steps, in learning rates (Liu et al. 2025): so both take the same rate
+ADAM = 0.2  # root mean square of Adam's steps, in learning rates (Liu et al. 2025): both have one rate
 
 
 class Muon(torch.optim.Optimizer):
-    """Muon (Jordan et al. 2024) over kernels (outputs, inputs, h, w), each seen as a matrix of `outputs` rows.
+    """Muon (Jordan et al. 2024) for kernels (outputs, inputs, h, w), flattened to matrices of `outputs` rows.
 
-    torch's own takes matrices only, one at a time; here those of the same shape go together, in half the time.
+    Kernels of the same shape are processed as one batch, which takes half the time of one matrix after the other.
+
+    Parameters
+    ----------
+    kernels : iterable of Tensor
+    lr, weight_decay : float
     """
 
     def __init__(self, kernels: Iterable[torch.Tensor], lr: float, weight_decay: float):
@@ -27,7 +32,7 @@ class Muon(torch.optim.Optimizer):
 
     @torch.no_grad()
     def step(self, closure=None):
-        """Move the kernels that have a gradient."""
+        """Update the kernels that have a gradient."""
         for group in self.param_groups:
             alike = defaultdict(list)
             for kernel in group["params"]:
@@ -41,7 +46,7 @@ class Muon(torch.optim.Optimizer):
                 torch._foreach_sub_(kernels, moves.view(-1, *shape).unbind(), alpha=rate)  # type: ignore[attr-defined]
 
     def _momenta(self, kernels: list[torch.Tensor], gradients: list[torch.Tensor]) -> list[torch.Tensor]:
-        """The gradients with Nesterov's momentum."""
+        """Update the momenta; return the gradients with Nesterov momentum."""
         for kernel in kernels:
             if not self.state[kernel]:
                 self.state[kernel]["momentum"] = torch.zeros_like(kernel)
@@ -51,7 +56,10 @@ class Muon(torch.optim.Optimizer):
 
 
 def orthogonal(matrices: torch.Tensor) -> torch.Tensor:
-    """About U V^T of each matrix U S V^T (N, rows, columns), by Newton-Schulz iterations, in bfloat16 if quick."""
+    """Approximation of U V^T for matrices U S V^T (N, rows, columns) by Newton-Schulz iterations.
+
+    Computed in bfloat16 where the device has native instructions for it; returns float32.
+    """
     x = matrices.bfloat16() if half_precision(matrices.device) else matrices.float()
     tall = x.shape[1] > x.shape[2]
     x = x.mT if tall else x

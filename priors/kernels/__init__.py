@@ -1,1 +1,1 @@
-"""Compiled kernels of the priors."""
+"""Compiled (numba) kernels of the priors."""

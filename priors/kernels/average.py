@@ -1,15 +1,15 @@
-"""Averages of frames along their motion: warping and averaging in one pass over each frame."""
+"""Motion-compensated averages of frames: warping and averaging in one pass over each frame."""
 
 import numba
 import numpy as np
 
 from pnp_sci.accel.jit import device_function, kernel, loop
 
-FRACTION = 64  # flow is stored in 64ths of a pixel, as int16: half the memory of float32, and finer than flows are true
+FRACTION = 64  # units of flow per pixel; int16 has half the memory of float32
 
 
 def _catmull_rom(t: np.ndarray) -> np.ndarray:
-    """Weights (..., 4) of Catmull-Rom interpolation at the fraction t between the middle two of four samples."""
+    """Weights (..., 4) of Catmull-Rom interpolation at the fraction t between the two middle samples of four."""
     before, after = ((-0.5 * t + 1.0) * t - 0.5) * t, (0.5 * t - 0.5) * t * t
     here, there = (1.5 * t - 2.5) * t * t + 1.0, ((-1.5 * t + 2.0) * t + 0.5) * t
     return np.stack([before, here, there, after], -1).astype(np.float32)
@@ -20,7 +20,7 @@ CUBIC = _catmull_rom(np.arange(FRACTION) / FRACTION)
 
 @loop
 def extend(frame, out):
-    """out <- the frame and around it what interpolation reads: a pixel before, three behind, all as it ends."""
+    """out (H + 4, W + 4) <- the frame (H, W), padded by replication: one pixel before and three after, each axis."""
     rows, columns = frame.shape
     for i in range(rows + 4):
         o = out[i]
@@ -31,7 +31,7 @@ def extend(frame, out):
 
 @device_function
 def _column(pixels, k, row, weights):
-    """A column of pixels from k on, interpolated between the second and third, and between the third and fourth."""
+    """Interpolate five pixels of a column, from k on: between the second and third, and the third and fourth."""
     u = np.uint64
     w0, w1, w2, w3 = weights[u(0)], weights[u(1)], weights[u(2)], weights[u(3)]
     p0, p1, p2 = pixels[k], pixels[k + row], pixels[k + u(2) * row]
@@ -41,11 +41,11 @@ def _column(pixels, k, row, weights):
 
 @loop
 def _warp_blocks(extended, flow, i, upper_even, upper_odd, lower_even, lower_odd):
-    """The frame where the flow of blocks of 2 x 2 pixels points, bicubic, for rows 2 i (upper) and 2 i + 1 (lower).
+    """Warp a frame by the flow of blocks of 2 x 2 pixels, bicubic, for rows 2 i (upper) and 2 i + 1 (lower).
 
-    Even and odd columns lie apart, (W / 2,) each. What a block's pixels read they have mostly in common, which takes
-    half of the time. Its first pixel is held to the frame, the others lie beside that.
-    Pixels are counted from the first one by unsigned integers, which numba does not check for being negative.
+    Even and odd columns are separate arrays (W / 2,). The four pixels of a block share most of their reads, which
+    halves the time. The position of the first pixel is clamped to the frame, and the others follow it.
+    Indices are unsigned integers, for which numba emits no test of the sign.
     """
     u, real = np.uint64, upper_even.dtype.type
     rows, columns, row = extended.shape[0] - 4, extended.shape[1] - 4, u(extended.shape[1])
@@ -69,7 +69,7 @@ def _warp_blocks(extended, flow, i, upper_even, upper_odd, lower_even, lower_odd
 
 @loop
 def _add(even, odd, share, total, out):
-    """out <- out + share * warped, total <- total + share; even and odd columns of what is warped lie apart."""
+    """out <- out + share * warped, total <- total + share; `even` and `odd` are the columns of the warped row."""
     pairs = out.size // 2
     for j in range(pairs):
         v, w = out.dtype.type(share[2 * j]), out.dtype.type(share[2 * j + 1])
@@ -85,9 +85,10 @@ def _add(even, odd, share, total, out):
 
 @kernel
 def average(v, flow, weights, pairs, first, out):
-    """Each frame of v (B, H, W) averaged with its neighbours, warped onto it; the frame itself weighs 255.
+    """out <- each frame of v (B, H, W) averaged with its warped neighbours; the frame itself has weight 255.
 
-    pairs[first[b]:first[b + 1]] are those (b, n) of frame b. The flow is that of blocks of 2 x 2 pixels.
+    pairs[first[b]:first[b + 1]] are the pairs (b, n) of frame b; flow: (P, ceil(H / 2), ceil(W / 2), 2), one vector for
+    2 x 2 pixels, in 1/FRACTION pixel; weights: (P, H, W), uint8.
     """
     frames, rows, columns = v.shape
     extended = np.empty((frames, rows + 4, columns + 4), v.dtype)
@@ -111,7 +112,7 @@ def average(v, flow, weights, pairs, first, out):
 
 @kernel
 def remaining(weights, first, left):
-    """left (B, H, W) <- what averages by these weights leave of the standard deviation of white noise."""
+    """left (B, H, W) <- factor of averages with these weights (P, H, W) on the standard deviation of white noise."""
     frames, rows, columns = left.shape
     real = left.dtype.type
     for b in numba.prange(frames):

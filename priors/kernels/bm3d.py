@@ -1,7 +1,7 @@
-"""Groups of alike patches: finding them in a frame, filtering them together, and putting the frame together again.
+"""Kernels of BM3D: block matching, collaborative filtering of the groups, and aggregation.
 
-A group is a cube, flat: patch after patch, row after row. Loops over it are of constant length and read what they need
-before they write, so that LLVM makes vectors of eight; where it does not, :mod:`pnp_sci.accel.simd8` does.
+A group is a flat array: patch after patch, row after row. Loops over it have constant length and read all operands
+before they write, so that LLVM vectorises them. Where it does not, :mod:`pnp_sci.accel.simd8` has SIMD intrinsics.
 """
 
 import numba
@@ -10,26 +10,25 @@ import numpy as np
 from pnp_sci.accel.jit import FASTMATH, kernel, loop
 from pnp_sci.accel.simd8 import add_row, copy_row, transpose
 
-SIDE = 8  # pixels of a patch, along either axis, and patches of a group
-SQUARE, CUBE = SIDE**2, SIDE**3
-STEP = 4  # pixels between the patches that groups are made for; a patch is two by two cells of so many
-REACH = 12  # pixels either side within which alike patches are looked for
-BAND = 8  # rows of groups that are filtered one after the other
+SIDE = 8  # pixels per side of a patch, and patches per group
+SQUARE, CUBE = SIDE**2, SIDE**3  # values of a patch and of a group
+STEP = 4  # pixels between reference patches, and side of the cells that distances are summed over
+REACH = 12  # pixels: radius of the search for similar patches
+BAND = 8  # rows of groups that a job processes
 
-
-# of the orthonormal cosine transform: cos(k pi / 16) / 2, for k = 1 to 7
+# cos(k pi / 16) / 2 for k = 1 to 7, of the orthonormal discrete cosine transform
 C1, C2, C3, C4, C5, C6, C7 = (np.float32(np.cos(k * np.pi / 16) / 2) for k in range(1, SIDE))
-OF_TWO, OF_FOUR, OF_EIGHT = (np.float32(1 / np.sqrt(n)) for n in (2, 4, 8))  # orthonormal Haar waves of so many patches
-EDGE = np.kaiser(SIDE, 2).astype(np.float32)  # patches count less at their edges
+OF_TWO, OF_FOUR, OF_EIGHT = (np.float32(1 / np.sqrt(n)) for n in (2, 4, 8))  # Haar wavelets over 2, 4, 8 patches
+EDGE = np.kaiser(SIDE, 2).astype(np.float32)  # Kaiser window of the aggregation
 WINDOW = np.outer(EDGE, EDGE).reshape(-1)
 
-# a loop whose sums LLVM may take in any order
+# a loop whose sums LLVM may reorder
 summing = numba.njit(cache=True, fastmath=FASTMATH | {"reassoc"}, error_model="numpy")
 
 
 @loop
 def _cells(frame, top, there, shift, squares, cells):
-    """cells[c] <- the squared differences of STEP x STEP pixels from those `there` and `shift` beyond; else inf."""
+    """cells[c] <- sum of squared differences of STEP x STEP pixels, `there` and `shift` displaced; inf outside."""
     low, high = max(0, -shift), min(squares.size, squares.size - shift)
     a, b, c, d = frame[top, low:], frame[top + 1, low:], frame[top + 2, low:], frame[top + 3, low:]
     at = low + shift
@@ -46,14 +45,14 @@ def _cells(frame, top, there, shift, squares, cells):
 
 @loop
 def _of_four(above, below, patches):
-    """The sums over patches of two by two cells."""
+    """patches[c] <- sum over the two by two cells of a patch."""
     for c in range(patches.size):
         patches[c] = above[c] + above[c + 1] + below[c] + below[c + 1]
 
 
 @loop
 def _keep(distance, place, distances, places):
-    """Put a place among the SIDE nearest ones, which are sorted by distance."""
+    """Insert a place into the SIDE nearest ones, sorted by distance."""
     k = SIDE - 1
     while k > 0 and distances[k - 1] > distance:
         distances[k], places[k] = distances[k - 1], places[k - 1]
@@ -63,10 +62,10 @@ def _keep(distance, place, distances, places):
 
 @kernel
 def match(frames, found):
-    """found[n, r, c] <- the SIDE patches most alike to that at row STEP r, column STEP c of frame n, nearest first.
+    """found[n, r, c] <- the SIDE patches most similar to that at row STEP r, column STEP c of frame n, nearest first.
 
-    A patch is the number of its first pixel. Where there are fewer, the rest is the patch itself. Height and width are
-    multiples of STEP.
+    A patch is given by the index of its first pixel in the flat frame. Missing patches are replaced by the reference
+    patch. Height and width are multiples of STEP.
     """
     count, rows, columns = frames.shape
     tops, lefts = found.shape[1:3]
@@ -75,7 +74,7 @@ def match(frames, found):
         n, first = job // bands, job % bands * BAND
         frame, here = frames[n], min(BAND, tops - first)
         distances = np.full((here, lefts, SIDE), np.inf, frames.dtype)
-        distances[..., 0] = -1  # the patch itself comes first
+        distances[..., 0] = -1  # the reference patch stays first
         for r in range(here):
             for c in range(lefts):
                 found[n, first + r, c] = STEP * ((first + r) * columns + c)
@@ -101,7 +100,7 @@ def match(frames, found):
 
 @loop
 def _gather(pixels, columns, places, cube):
-    """cube <- the patches at these places."""
+    """cube <- the patches at `places`."""
     for k in range(SIDE):
         for i in range(SIDE):
             copy_row(pixels, places[k] + i * columns, cube, SQUARE * k + SIDE * i)
@@ -109,7 +108,7 @@ def _gather(pixels, columns, places, cube):
 
 @loop
 def _cosines(a, b, c, d, e, f, g, h):
-    """The orthonormal discrete cosine transform of eight values."""
+    """Orthonormal discrete cosine transform (DCT-II) of eight values."""
     s, t, u, v = a + h, b + g, c + f, d + e
     w, x, y, z = a - h, b - g, c - f, d - e
     outer, inner = s - v, t - u
@@ -123,7 +122,7 @@ def _cosines(a, b, c, d, e, f, g, h):
 
 @loop
 def _uncosines(a, b, c, d, e, f, g, h):
-    """The inverse of :func:`_cosines`."""
+    """Inverse of :func:`_cosines`."""
     p, q, outer, inner = C4 * (a + e), C4 * (a - e), C2 * c + C6 * g, C6 * c - C2 * g
     s, t, u, v = p + outer, q + inner, q - inner, p - outer
     w, x = C1 * b + C3 * d + C5 * f + C7 * h, C3 * b - C7 * d - C1 * f - C5 * h
@@ -133,7 +132,7 @@ def _uncosines(a, b, c, d, e, f, g, h):
 
 @loop
 def _columns(transform, v):
-    """v <- the transforms of the columns of its patches."""
+    """Apply `transform` to the columns of each patch of v, in place."""
     for k in range(SIDE):
         for j in range(SIDE):
             at = SQUARE * k + j
@@ -147,14 +146,14 @@ def _columns(transform, v):
 
 @loop
 def _transposed(v):
-    """v <- its patches, rows for columns."""
+    """Transpose each patch of v, in place."""
     for k in range(SIDE):
         transpose(v, SQUARE * k)
 
 
 @loop
 def _haar(v):
-    """v <- its orthonormal Haar transform across the patches, the mean first."""
+    """Orthonormal Haar transform across the patches of v, in place; the mean comes first."""
     for x in range(SQUARE):
         a, b, c, d = v[x], v[x + SQUARE], v[x + 2 * SQUARE], v[x + 3 * SQUARE]
         e, f, g, h = v[x + 4 * SQUARE], v[x + 5 * SQUARE], v[x + 6 * SQUARE], v[x + 7 * SQUARE]
@@ -167,7 +166,7 @@ def _haar(v):
 
 @loop
 def _unhaar(v):
-    """The inverse of :func:`_haar`."""
+    """Inverse of :func:`_haar`."""
     for x in range(SQUARE):
         s, t = OF_EIGHT * v[x], OF_EIGHT * v[x + SQUARE]
         p, q = OF_FOUR * v[x + 2 * SQUARE], OF_FOUR * v[x + 3 * SQUARE]
@@ -181,7 +180,7 @@ def _unhaar(v):
 
 @loop
 def _spectrum(pixels, columns, places, cube):
-    """cube <- the transform of the group of patches at these places, rows for columns."""
+    """cube <- the 3-D transform of the group of patches at `places`, each patch transposed."""
     _gather(pixels, columns, places, cube)
     _haar(cube)
     _columns(_cosines, cube)
@@ -191,7 +190,7 @@ def _spectrum(pixels, columns, places, cube):
 
 @loop
 def _unspectrum(cube):
-    """cube <- the group of patches whose transform it is."""
+    """Inverse of :func:`_spectrum`, in place: the group of patches of a 3-D transform."""
     _columns(_uncosines, cube)
     _transposed(cube)
     _columns(_uncosines, cube)
@@ -200,7 +199,7 @@ def _unspectrum(cube):
 
 @loop
 def _threshold(cube, least):
-    """cube <- 0 where smaller than `least`; returns how much its patches count, the more the less is left."""
+    """Hard thresholding of cube at `least`; returns the aggregation weight, 1 / number of coefficients kept."""
     kept = 0
     for x in range(cube.size):
         if abs(cube[x]) < least:
@@ -212,7 +211,7 @@ def _threshold(cube, least):
 
 @summing
 def _shrink(cube, signal, variance):
-    """cube <- what a Wiener filter leaves of it for a signal; returns how much its patches count."""
+    """Wiener filter of cube for a signal's spectrum and noise `variance`; returns the aggregation weight."""
     squares = cube.dtype.type(0)
     for x in range(CUBE):
         square = signal[x] * signal[x]
@@ -224,9 +223,9 @@ def _shrink(cube, signal, variance):
 
 @loop
 def _scatter(cube, window, weight, places, columns, begin, total, weights):
-    """Add the patches of a cube, which is lost, by weight, to total, and the weight to that of each place.
+    """Add the patches of a cube times weight and window to `total`, and the weight to `weights` at their places.
 
-    total and weights begin at pixel `begin`. The window is to weigh the patches; it comes to weigh the weights later.
+    total and weights begin at pixel `begin`. The cube is overwritten. :func:`_spread` applies the window to weights.
     """
     for k in range(SIDE):
         for x in range(SQUARE):
@@ -245,7 +244,7 @@ def _add_times(factor, v, out):
 
 @loop
 def _spread(weights, out):
-    """out (H, W) <- the sums of windows of patches that begin at each pixel, times the weight (H, W) of each."""
+    """out (H, W) <- sum of the windows of all patches, times the weight (H, W) at the first pixel of each patch."""
     rows, columns = weights.shape
     out[:] = 0
     along = np.zeros(columns, weights.dtype)
@@ -259,11 +258,11 @@ def _spread(weights, out):
 
 @kernel
 def collaborate(frames, pilot, level, threshold, found, out):
-    """out <- frames (N, H, W), groups of patches filtered together.
+    """Collaborative filtering: out <- frames (N, H, W) with their groups of patches filtered jointly.
 
-    By a Wiener filter whose signal is the pilot's (N, H, W); without a pilot (0, H, W) by dropping what is below the
-    threshold, in units of the noise. Each group has a noise level > 0 and counts the less the more it is. The mean of
-    every group is kept.
+    With a pilot (N, H, W), the filter is a Wiener filter with the pilot's spectrum. Without one (0, H, W), coefficients
+    below `threshold`, in units of the noise, are set to 0. Each group has a noise level > 0, level (N, R, C); its
+    weight falls with the square of the level. The mean of each group is kept.
     """
     count, rows, columns = frames.shape
     tops, lefts = found.shape[1:3]
@@ -302,5 +301,5 @@ def collaborate(frames, pilot, level, threshold, found, out):
 
 @loop
 def _begin(first, height, rows):
-    """The first of `height` rows that hold all patches found for a band of groups, which begins with group `first`."""
+    """First of the `height` rows that contain all patches of a band of groups that begins with group `first`."""
     return min(max(STEP * first - REACH, 0), rows - height)

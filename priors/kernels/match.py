@@ -1,4 +1,4 @@
-"""How well frames match along a flow, which of two flows matches better, and what neighbours count by that."""
+"""Matching of frames along a flow: squared differences, choice between two flows, and weights of neighbours."""
 
 import numba
 import numpy as np
@@ -6,19 +6,19 @@ import numpy as np
 from pnp_sci.accel.jit import device_function, kernel, loop
 from priors.kernels.average import CUBIC, FRACTION, extend
 
-NEAR = 1  # pixels either side of the box that averages squared differences, applied twice: a Gaussian of 1.2 pixels
-WIDE = 2  # ... and of that which averages flow: 2 pixels
-STEPS = 2048  # of an exponent from 0 to 1
-FADING = (255 * np.exp(-np.arange(np.ceil(STEPS * np.log(255))) / STEPS)).astype(np.uint8)  # as long as it is 1 or more
-LIMIT = np.iinfo(np.int16).max  # of a flow
+NEAR = 1  # pixels: half width of the box over squared differences; applied twice, about a Gaussian of 1.2 pixels
+WIDE = 2  # pixels: half width of the box over flow; applied twice, about a Gaussian of 2 pixels
+STEPS = 2048  # entries of FADING per unit of the exponent
+FADING = (255 * np.exp(-np.arange(np.ceil(STEPS * np.log(255))) / STEPS)).astype(np.uint8)  # 255 exp(-x) while >= 1
+LIMIT = np.iinfo(np.int16).max  # largest flow, in 1/FRACTION pixel
 
 
 @device_function
 def _box(picture, reach, scratch):
-    """Mean over a square of 2 reach + 1 pixels, in place; the picture goes on beyond its edges as it ends."""
+    """Mean over a square of 2 reach + 1 pixels, in place, with edges replicated."""
     rows, columns = picture.shape
     scale = picture.dtype.type(1.0 / (2 * reach + 1) ** 2)
-    below = np.zeros(columns + 2 * reach, picture.dtype)  # sums over rows, the ends of the row repeated
+    below = np.zeros(columns + 2 * reach, picture.dtype)  # sums over rows, with edges replicated
     for i in range(rows):
         scratch[i] = picture[i]
     for d in range(-reach, reach + 1):
@@ -42,9 +42,10 @@ def _box(picture, reach, scratch):
 
 @loop
 def _warp_row(extended, flow, i, out):
-    """out[j] <- frame[i + flow rows, j + flow columns], bicubic, for a row i; the frame goes on as it ends.
+    """out[j] <- frame[i + flow rows, j + flow columns], bicubic, for row i, with edges replicated.
 
-    Pixels are counted from the first one by unsigned integers, which numba does not check for being negative.
+    `extended` is the frame padded by :func:`priors.kernels.average.extend`. Indices are unsigned integers, for which
+    numba emits no test of the sign.
     """
     u, real = np.uint64, out.dtype.type
     rows, columns, row = extended.shape[0] - 4, out.size, u(extended.shape[1])
@@ -65,7 +66,7 @@ def _warp_row(extended, flow, i, out):
 
 @device_function
 def _differ(here, there, flow, distance, scratch):
-    """distance <- squared difference of a frame, extended, warped by the flow, from frame `here`, smoothed."""
+    """distance <- smoothed squared difference between frame `here` and the padded frame `there`, warped by `flow`."""
     for i in range(len(here)):
         d = distance[i]
         _warp_row(there, flow[i], i, d)
@@ -77,7 +78,7 @@ def _differ(here, there, flow, distance, scratch):
 
 @kernel
 def differ(v, flow, pairs, distance):
-    """distance[p] <- smoothed squared difference of frame n of v (B, H, W), warped, from frame b, for each pair."""
+    """distance[p] <- smoothed squared difference between frame b of v (B, H, W) and frame n, warped, for each pair."""
     frames, rows, columns = v.shape
     extended = np.empty((frames, rows + 4, columns + 4), v.dtype)
     for b in numba.prange(frames):
@@ -89,7 +90,7 @@ def differ(v, flow, pairs, distance):
 
 @kernel
 def choose(v, candidate, favour, pairs, flow, distance):
-    """flow[p], distance[p] <- the candidate's, where its distance is below `favour` times distance[p]."""
+    """flow[p], distance[p] <- those of the candidate where its distance is below `favour` times distance[p]."""
     frames, rows, columns = v.shape
     extended = np.empty((frames, rows + 4, columns + 4), v.dtype)
     for b in numba.prange(frames):
@@ -107,7 +108,7 @@ def choose(v, candidate, favour, pairs, flow, distance):
 
 @kernel
 def steady(flow, source, share, out):
-    """out[p] <- share[p] flow[source[p]]: a pair's flow, if motion is as steady as between another two."""
+    """out[p] <- share[p] flow[source[p]]: the flow of a pair if the motion between frames is steady."""
     for p in numba.prange(len(source)):
         given, scaled = flow[source[p]].reshape(-1), out[p].reshape(-1)
         for k in range(given.size):
@@ -116,10 +117,10 @@ def steady(flow, source, share, out):
 
 @kernel
 def smooth(flow, distance, tolerance, out):
-    """out[p] <- flow[p], averaged over its surroundings, in which it counts less where frames match less by it."""
+    """out[p] <- weighted mean of flow[p] over a neighbourhood; the weight falls with distance / tolerance^2."""
     rows, columns = distance.shape[1:]
     one, inverse = distance.dtype.type(1), distance.dtype.type(1) / (tolerance * tolerance)
-    least = distance.dtype.type(1e-6)  # of running sums of float32
+    least = distance.dtype.type(1e-6)  # rounding error of running sums in float32
     for p in numba.prange(len(flow)):
         scratch, total, part = np.empty_like(distance[p]), np.empty_like(distance[p]), np.empty_like(distance[p])
         sure = np.empty_like(total)
@@ -144,7 +145,7 @@ def smooth(flow, distance, tolerance, out):
 
 @kernel
 def consistency(flow, pairs, reverse, tolerance, trust):
-    """trust[p] <- 255 exp(-|flow there + flow back|^2 / tolerance^2) for each pair of frames, as uint8."""
+    """trust[p] <- 255 exp(-|forward + backward flow|^2 / tolerance^2), uint8; reverse[p] is the opposite pair."""
     rows, columns = flow.shape[1:3]
     scale = STEPS / (FRACTION * tolerance) ** 2
     for p in numba.prange(len(pairs)):
@@ -163,7 +164,7 @@ def consistency(flow, pairs, reverse, tolerance, trust):
 
 @kernel
 def weigh(distance, trust, tolerance, weights):
-    """weights <- trust exp(-z) of each pair, as uint8: z is distance / tolerance^2, exp(z) by its first terms."""
+    """weights <- trust exp(-z), uint8, with z = distance / tolerance^2 and exp(z) by its Taylor series to z^3."""
     one, half, sixth = distance.dtype.type(1), distance.dtype.type(1 / 2), distance.dtype.type(1 / 6)
     inverse = one / (tolerance * tolerance)
     for p in numba.prange(len(trust)):

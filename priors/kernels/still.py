@@ -1,32 +1,41 @@
-"""Pixels that show the same in all frames: what one frame holds of them, all others hold too."""
+"""Still pixels: detection by their variance along time, and averaging over all frames."""
+
+from dataclasses import dataclass
 
 import numba
 import numpy as np
 
+from pnp_sci._tuned import Tuned
 from pnp_sci.accel.jit import kernel
 
-# In front of a ground darker than the former, a dark thing that moves changes x little: in proportion to how bright the
-# ground is, but for the latter part of it. In a real capture a dark frame round a lens, moving before a dark hand,
-# vanished without this; the 18 clips of benchmarks/still_regions.py gain 0.19 dB in the place of 0.22 with `flow` and
-# 0.16 of 0.18 with TV. With `flow` and half the limits, bright or dark, they gain 0.10.
-BRIGHT, DARKEST = 0.5, 0.05
-HARDLY = 0.02  # a row in which nothing is stiller than that is left as it is: most of those that move cost nothing
+HARDLY = 0.02  # largest probability of a row that is skipped, to save time
+
+
+@dataclass(frozen=True)
+class StillNumbers(Tuned):
+    """The limit for dark pixels: dark objects that move change x little."""
+
+    bright: float = 0.5  # mean along time below which the limit is proportional to the mean
+    darkest: float = 0.05  # lower bound of the factor on the limit
+
+
+TUNED = StillNumbers()
 
 
 def sureness(change, brightness, rest):
-    """How surely pixels (H, W) show the same in all frames, 0 to 1, by their squared change and mean along time.
+    """Probability that pixels are constant in time, (H, W), 0 to 1: ``exp(-change / r^2)``.
 
-    ``exp(-change / r^2)``, r being `rest` where the mean is 1/2 or more, and in proportion to it below, down to a
-    twentieth.
+    change: squared change along time; brightness: mean along time, both (H, W). The limit r is `rest` (> 0) for bright
+    pixels. For dark ones it is proportional to their mean, with a lower bound.
     """
-    r = rest * np.clip(brightness / BRIGHT, DARKEST, 1)
-    with np.errstate(under="ignore"):  # what surely moves
+    r = rest * np.clip(brightness / TUNED.bright, TUNED.darkest, 1)
+    with np.errstate(under="ignore"):  # pixels that move
         return np.exp(-change / r**2)
 
 
 @kernel
 def mean_and_variance(view, brightness, variance):
-    """brightness, variance (H, W) <- those of a view (B, H, W) along time."""
+    """brightness, variance (H, W) <- mean and variance along time of a view (B, H, W)."""
     frames, rows, columns = view.shape
     part = view.dtype.type(1 / frames)
     for i in numba.prange(rows):
@@ -44,7 +53,7 @@ def mean_and_variance(view, brightness, variance):
 
 @kernel
 def tie(view, still, out):
-    """out (B, H, W) <- out + still * (mean of the frames of view - out); out may be the view itself."""
+    """out (B, H, W) <- out + still * (mean over frames of view - out); `out` may be `view`."""
     frames, rows, columns = view.shape
     part = view.dtype.type(1 / frames)
     for i in numba.prange(rows):

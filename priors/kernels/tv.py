@@ -1,13 +1,13 @@
 """Chambolle's dual projection for total variation over rows, columns and, with a weight per pixel, time.
 
-The dual field p has one flat array per axis, for the forward differences along it, as whole multiples of 1 / `one` in a
-short integer type: memory is what a step takes longest for. As p vanishes on the last row, column and frame, its value
-one row, column or frame back in the flat array is right across all edges; zeros in front of it serve the first ones.
+The dual field p has one flat array per axis, for the forward differences along it. Its values are multiples of
+1 / `one` in a short integer type, because memory bandwidth limits the speed. As p is 0 on the last row, column and
+frame, the previous value in the flat array is right across all edges. Zeros precede the first value.
 
-A step takes a band of rows of one view through the frames: the primal variable of frame k + 1 is made from the old p
-just before frame k of p is renewed, and in the last step frame k of the result just after it, so each value is read
-once. The first row of every band is made beforehand, as the band above needs it and p may have changed by then; its
-result is made at the end, as it needs the band above.
+A step processes a band of rows of one view, frame by frame. It computes the primal variable of frame k + 1 from the old
+p, then updates frame k of p; the last step then computes frame k of the result. So each value is read once.
+The first row of each band is computed before the step, because the band above reads it. Its result is computed after
+the step, because it reads the band above.
 """
 
 import numba
@@ -15,7 +15,7 @@ import numpy as np
 
 from pnp_sci.accel.jit import kernel, loop
 
-BAND = 64  # rows; at 256 x 256 quickest of 8 ... 128, beyond that 32 and 64 are alike
+BAND = 64  # rows that a job processes
 
 
 @loop
@@ -28,7 +28,7 @@ def _add_of_frame(weight, left, right, above, below, u):
 
 @loop
 def _add_of_video(weight, left, right, above, below, time, before, after, u):
-    """u <- u + weight * div p, p with differences along time."""
+    """u <- u + weight * div p for p with differences along time."""
     real = u.dtype.type
     for j in range(u.size):
         space = real(right[j]) - real(left[j]) + real(below[j]) - real(above[j])
@@ -37,7 +37,7 @@ def _add_of_video(weight, left, right, above, below, time, before, after, u):
 
 @loop
 def _dual_of_frame(u, below, across, step, one, isotropic, a, b):
-    """(a, b) <- (a, b) + step * gradient of u, projected; `across` is that of the columns, times step."""
+    """(a, b) <- projection of (a, b) + step * gradient of u; `across` is step * the difference along columns."""
     real = u.dtype.type
     for j in range(u.size):
         p = real(a[j]) + step * (below[j] - u[j])
@@ -53,7 +53,7 @@ def _dual_of_frame(u, below, across, step, one, isotropic, a, b):
 
 @loop
 def _dual_of_video(u, below, across, then, time, step, one, isotropic, a, b, c):
-    """The same with differences along time."""
+    """(a, b, c) <- projection of (a, b, c) + step * gradient of u, with differences along time in c."""
     real = u.dtype.type
     for j in range(u.size):
         p = real(a[j]) + step * (below[j] - u[j])
@@ -79,7 +79,7 @@ def _along_columns(u, step, across):
 
 @loop
 def _add_divergence(weight, time, p, frames, n, k, start, stop, u):
-    """u <- u + weight * div p, u being rows start ... stop - 1 of frame k, view n."""
+    """u <- u + weight * div p for rows start to stop - 1 of frame k, view n."""
     p_rows, p_columns, p_time = p
     _, rows, columns = time.shape
     plane = rows * columns
@@ -96,7 +96,7 @@ def _add_divergence(weight, time, p, frames, n, k, start, stop, u):
 
 @loop
 def _dual(here, after, frames, step, one, isotropic, time, p, n, k, start, stop, across):
-    """Renew rows start ... stop - 1 of p, frame k, view n, from the primal rows of this frame and the one after it."""
+    """Update rows start to stop - 1 of p, frame k, view n, from the primal rows of this frame and the next one."""
     p_rows, p_columns, p_time = p
     _, rows, columns = time.shape
     plane, size = rows * columns, (stop - start) * columns
@@ -114,11 +114,11 @@ def _dual(here, after, frames, step, one, isotropic, time, p, n, k, start, stop,
 
 @kernel
 def denoise(x, steps, weight, step, one, isotropic, time, p):
-    """`steps` dual steps from the given p on x (V, B, H, W), then x <- x + weight * div p.
+    """x <- x + weight * div p after `steps` dual steps that start from p, on x (V, B, H, W).
 
-    p holds the differences along rows, columns and time, the last empty where there are none; time (V, H, W) weighs
-    them. `one` is what stands for 1 in p, and weight and step are in its units: a divergence of `one` changes x by
-    ``one * weight``. Values that are not finite stay in p.
+    p is a tuple of three flat arrays: differences along rows, columns and time. The last one is empty without
+    differences along time, whose weights are time (V, H, W). The integer `one` represents 1 in p, and weight and step
+    are in these units: a divergence of `one` changes x by ``one * weight``. Values that are not finite stay in p.
     """
     views, frames, rows, columns = x.shape
     bands = (rows + BAND - 1) // BAND
@@ -135,7 +135,7 @@ def denoise(x, steps, weight, step, one, isotropic, time, p):
             n, band = job // bands, job % bands
             top, bottom = band * BAND, min(band * BAND + BAND, rows)
             size = (bottom - top) * columns
-            here, after = np.empty(size + columns, x.dtype), np.empty(size + columns, x.dtype)  # and one row below
+            here, after = np.empty(size + columns, x.dtype), np.empty(size + columns, x.dtype)  # with one row below
             across = np.empty(size, x.dtype)
             for k in range(-1, frames):
                 if k + 1 < frames:
@@ -159,7 +159,7 @@ def denoise(x, steps, weight, step, one, isotropic, time, p):
 
 @kernel
 def activity(view, space, change):
-    """Mean length of the gradient (H, W) of a view (B, H, W), and mean change from frame to frame, over time."""
+    """space, change (H, W) += means over time of the gradient's norm and of the change of a view (B, H, W)."""
     frames, rows, columns = view.shape
     for i in numba.prange(rows):
         for k in range(frames):

@@ -1,1 +1,1 @@
-"""Motion between the frames of a view, and averages along it."""
+"""Motion estimation between the frames of a view, and averages along the motion."""

@@ -1,3 +1,3 @@
-"""The networks behind the learned priors."""
+"""The networks of the learned priors."""
 
-LIMIT = 6.0  # no pixel changes by more standard deviations: white noise exceeds it once in 5e8 pixels
+LIMIT = 6.0  # standard deviations: largest change of a pixel; white noise exceeds it in one of 5e8 pixels

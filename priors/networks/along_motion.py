@@ -1,30 +1,41 @@
-"""The network for video: it removes what averages along the motion leave of the noise."""
+"""The network for video: it removes the residual noise of averages along the motion."""
 
 from __future__ import annotations
 
 import hashlib
+from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
 
+from pnp_sci._tuned import Tuned
 from priors.motion.measure import Motion, finished, may_show_motion, measure
 from priors.networks import LIMIT
 from priors.networks.image import ImageNet, runner
 
-NEIGHBOURS = 3  # frames either side that help a frame
-TOLERANCE = 0.85  # difference between a frame and its warped neighbour at which that counts 1/e, in units of sigma
-DRIFT = 1.5  # pixels between going there and back along the flow at which a neighbour counts 1/e
-REST = 0.2  # standard deviation along time, in units of sigma, at which a pixel counts 1/e as still
-SHARP = 0.7  # part of sigma that the image net is told where frames are to show motion
 FAINT = 1e-4  # sigma below which frames are not averaged
 
 
-class VideoNet:
-    """Denoises view by view: each frame is averaged with its neighbours along their motion, then a network serves.
+@dataclass(frozen=True)
+class VideoNetNumbers(Tuned):
+    """Parameters of the averages along the motion, in units of sigma where no unit is given."""
 
-    The image net cleans the frames, and the cleaned frames show the motion. Along it the frames are averaged as they
-    came, so that no detail is lost. A network of the same size removes the noise that remains, whose level differs from
-    pixel to pixel with the number of neighbours that agreed. Frames that cannot show motion are left to the image net.
+    neighbours: int = 3  # frames on either side that a frame is averaged with
+    tolerance: float = 0.85  # difference between a frame and a warped neighbour at which the weight is 1/e
+    drift: float = 1.5  # pixels: forward-backward error of the flow at which the weight is 1/e
+    rest: float = 0.2  # standard deviation along time at which a pixel counts 1/e as still
+    sharp: float = 0.7  # noise level of the image net whose output the motion is estimated from
+
+
+TUNED = VideoNetNumbers()
+
+
+class VideoNet:
+    """Denoiser for video: averages of neighbouring frames along their motion, then a network, view by view.
+
+    The motion is estimated from frames that the image net has denoised. The noisy frames are averaged along it, which
+    keeps their detail. A network of the same size removes the residual noise. Its level varies between pixels with the
+    weights of the neighbours. Single frames, and frames too small for optical flow, are denoised by the image net.
 
     Parameters
     ----------
@@ -33,8 +44,8 @@ class VideoNet:
     device : str, optional
         Torch device such as ``"cuda"`` for the networks; by default the CPU.
     renew : int
-        The motion is measured in every so many-th call and serves until then; with more than 1, the next search begins
-        with it, for the estimates of a solver, which change little from call to call.
+        Number of calls from one motion estimate to the next, >= 1. If it is more than 1, each search starts from the
+        last motion, which suits the slowly changing estimates of a solver.
 
     References
     ----------
@@ -45,15 +56,15 @@ class VideoNet:
         self.runner, self.image, self.renew = runner("video", weights, device), ImageNet(device=device), renew
         self.calls = 0
         self.motion: list[Motion] = []
-        self.still: list[float] = []  # part of each view that stands still, as last measured
+        self.still: list[float] = []  # fraction of still pixels of each view, of the last motion
 
     @property
     def sha256(self) -> str:
-        """Hash of the values of the weights of both networks, 64 hexadecimal digits."""
+        """SHA-256 of the weights of both networks, 64 hexadecimal digits."""
         return hashlib.sha256(f"{self.runner.sha256} {self.image.sha256}".encode()).hexdigest()
 
     def __call__(self, x: np.ndarray, sigma: float, turn: int = 0) -> np.ndarray:
-        """Denoise x (V, B, H, W), all calls the same shape; arguments and result as those of :class:`ImageNet`."""
+        """Denoise x (V, B, H, W), of the same shape in all calls; arguments and result as for :class:`ImageNet`."""
         if not may_show_motion(x.shape) or sigma < FAINT:
             return self.image(x, sigma, turn)
         frames = np.ascontiguousarray(x, np.float32)
@@ -67,24 +78,25 @@ class VideoNet:
         return x - np.clip(noise, -LIMIT * sigma, LIMIT * sigma)
 
     def finish(self, x: np.ndarray, sigma: float) -> np.ndarray:
-        """A solver's last estimate x (V, B, H, W), averaged along the motion that it shows itself; sigma is its own."""
+        """Average a solver's last estimate x (V, B, H, W) along the motion estimated from x; sigma is the last one."""
         if not self.motion:
             return x
-        self.motion = []  # its memory is needed no more
-        return finished(x, sigma, NEIGHBOURS, DRIFT, REST * sigma)
+        self.motion = []  # frees its memory
+        return finished(x, sigma, TUNED.neighbours, TUNED.drift, TUNED.rest * sigma)
 
 
 def see(image: ImageNet, x: np.ndarray, sigma: float, before: list[Motion] | None = None) -> list[Motion]:
-    """The motion of each view of x (V, B, H, W), with noise of standard deviation `sigma`, as the image net shows it.
+    """Motion of each view of x (V, B, H, W), with noise of standard deviation `sigma`, after the image net.
 
-    The search begins with the motion `before` of earlier estimates of the views.
+    The search starts from the motion `before` of earlier estimates of the views.
     """
-    views = zip(image(x, SHARP * sigma), before or [None] * len(x))
-    return [measure(view, NEIGHBOURS, TOLERANCE * sigma, DRIFT, REST * sigma, motion) for view, motion in views]
+    views = zip(image(x, TUNED.sharp * sigma), before or [None] * len(x))
+    seeing = TUNED.neighbours, TUNED.tolerance * sigma, TUNED.drift, TUNED.rest * sigma
+    return [measure(view, *seeing, motion) for view, motion in views]
 
 
 def averaged(x: np.ndarray, sigma: float, motion: list[Motion]) -> tuple[np.ndarray, np.ndarray]:
-    """Each view of x (V, B, H, W) averaged along its motion, and the standard deviation of the noise that is left."""
+    """Averages of x (V, B, H, W) along the motion of each view, and the standard deviation of their noise."""
     mean = np.empty_like(x)
     for view, seen, out in zip(x, motion, mean):
         seen.average(view, out)

@@ -1,4 +1,4 @@
-"""The networks for other software: ``python -m priors.export ffdnet --out ffdnet.onnx``. Needs the extra ``onnx``."""
+"""Export of the networks as ONNX: ``python -m priors.networks.export ffdnet --out ffdnet.onnx``; extra ``onnx``."""
 
 from __future__ import annotations
 
@@ -15,12 +15,12 @@ OWN = Path(__file__).parents[1] / "weights"
 
 
 def export(name: str, out: Path, weights: Path | None = None) -> None:
-    """Write the network of the prior `name` as ONNX, at once or not at all.
+    """Write the network of the prior `name` as an ONNX file, atomically.
 
-    The model has inputs `x` and `level`, frames and the standard deviation of the noise in each of their pixels, both
-    float32 (N, H, W) with H and W multiples of 8, and the output `noise` of the same shape; ``x - noise`` is denoised.
-    The network of "video" works on frames that have been averaged along their motion, see
-    :class:`priors.video.VideoDenoiser`; the averages are not part of the model.
+    The inputs are `x`, frames, and `level`, the standard deviation of the noise of each pixel. Both are float32
+    (N, H, W) with H and W multiples of 8. The output `noise` has the same shape, and ``x - noise`` is denoised.
+    The network of "video" takes frames averaged along their motion, see
+    :class:`priors.networks.along_motion.VideoNet`. The averages are not part of the model.
 
     Parameters
     ----------
@@ -31,8 +31,10 @@ def export(name: str, out: Path, weights: Path | None = None) -> None:
 
     Raises
     ------
+    ImportError
+        If onnx or onnxscript is not installed.
     pnp_sci.errors.DataUnavailableError, pnp_sci.errors.FormatError
-        If there are no such weights, or they cannot be used.
+        If the file of weights does not exist or cannot be used.
     """
     try:
         import onnxscript  # noqa: F401
@@ -62,9 +64,9 @@ def export(name: str, out: Path, weights: Path | None = None) -> None:
 @click.command()
 @click.argument("name", type=click.Choice(NAMES))
 @click.option("--out", type=click.Path(dir_okay=False, path_type=Path), required=True, help="File to write.")
-@click.option("--weights", type=click.Path(path_type=Path), help="Weights of your own.  [default: this package's]")
+@click.option("--weights", type=click.Path(path_type=Path), help="Weights to export.  [default: those of this package]")
 def main(name: str, out: Path, weights: Path | None) -> None:
-    """Write the network of the prior NAME as ONNX, for H and W that are multiples of 8."""
+    """Write the network of the prior NAME as ONNX. Height and width of its inputs are multiples of 8."""
     export(name, out, weights)
 
 

@@ -1,4 +1,4 @@
-"""Weights of the priors' networks: files that carry their architecture."""
+"""Weights of the priors' networks: safetensors files with the architecture in their metadata."""
 
 from __future__ import annotations
 
@@ -14,25 +14,25 @@ from priors.networks.unet import Architecture, Network
 
 
 def save(path: str | Path, name: str, architecture: Architecture, network: torch.nn.Module) -> str:
-    """Write the weights of the prior `name` to `path`, at once or not at all; return the hash of their values."""
+    """Write the weights of the prior `name` to `path` atomically; return the SHA-256 of their values."""
     return weights.save(path, network.state_dict(), {"prior": name, "architecture": json.dumps(asdict(architecture))})
 
 
 def load(path: str | Path, name: str) -> tuple[Network, str]:
-    """Read the network of the prior `name` from `path`, and the hash of its weights.
+    """Read the network of the prior `name` from `path`, with the SHA-256 of its weights.
 
     Raises
     ------
     pnp_sci.errors.DataUnavailableError
-        If there is no such file.
+        If the file does not exist.
     pnp_sci.errors.FormatError
-        If the file is no safetensors file, holds another prior, or its values are not those that were saved.
+        If it is not a safetensors file, belongs to another prior, or its values do not match their hash.
     """
     tensors, metadata = weights.read(path, {"prior": name}, f"python -m priors.train {name}")
     try:
         fields = json.loads(metadata["architecture"])
         network = Network(Architecture(**{key: tuple(value) for key, value in fields.items()}))
     except (KeyError, TypeError, ValueError) as error:
-        raise FormatError(f"{path} says nothing usable of its architecture: {error!r}") from error
+        raise FormatError(f"{path} has no valid architecture in its metadata: {error!r}") from error
     weights.fill(network, tensors, path)
     return network.eval().to(memory_format=torch.channels_last), metadata["sha256"]  # type: ignore[call-overload]

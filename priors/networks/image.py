@@ -1,4 +1,4 @@
-"""The network for single frames. Torch is imported, and the weights are read, when one is made."""
+"""The network for single frames. Construction imports torch and reads the weights."""
 
 from __future__ import annotations
 
@@ -14,14 +14,14 @@ WEIGHTS = Path(__file__).parents[1] / "weights"
 
 
 def runner(name: str, weights: str | Path | None = None, device: str | None = None) -> Runner:
-    """The network `name`, of a file of weights or of this package, on its device.
+    """The network `name` on its device, with the weights of a file or of this package.
 
     Raises
     ------
     ImportError
         If PyTorch or safetensors is not installed.
     DataUnavailableError, FormatError, InputError
-        If there are no such weights, they cannot be read, or the device cannot be used.
+        If the file does not exist or cannot be read, or the device cannot be used.
     """
     try:
         from priors.networks.runner import opened
@@ -31,14 +31,14 @@ def runner(name: str, weights: str | Path | None = None, device: str | None = No
 
 
 class ImageNet:
-    """Denoises frame by frame: ``x - noise(x, sigma)``.
+    """Denoiser for single frames: ``x - noise(x, sigma)``.
 
     Parameters
     ----------
     weights : path, optional
         Safetensors file written by ``python -m priors.train ffdnet``; by default the weights of this package.
     device : str, optional
-        Torch device such as ``"cuda"``; by default the CPU, in bfloat16 where the processor multiplies it natively.
+        Torch device such as ``"cuda"``; by default the CPU, in bfloat16 where it has native instructions for it.
 
     Examples
     --------
@@ -49,11 +49,11 @@ class ImageNet:
 
     def __init__(self, weights: str | Path | None = None, device: str | None = None):
         self.runner = runner("ffdnet", weights, device)
-        self.still: list[float] = []  # single frames do not show what stands still
+        self.still: list[float] = []  # still pixels cannot be detected in single frames
 
     @property
     def sha256(self) -> str:
-        """Hash of the values of the weights, 64 hexadecimal digits."""
+        """SHA-256 of the weights, 64 hexadecimal digits."""
         return self.runner.sha256
 
     def __call__(self, x: np.ndarray, sigma: float, turn: int = 0) -> np.ndarray:
@@ -64,9 +64,9 @@ class ImageNet:
         x : ndarray, (V, B, H, W)
             Values about [0, 1], float32 or float64.
         sigma : float
-            Standard deviation of the noise in the same units, >= 0. No pixel changes by more than six times that.
+            Standard deviation of the noise in the same units, >= 0. No pixel changes by more than 6 sigma.
         turn : int
-            How the network sees the frames: after so many quarter turns, from 4 to 7 mirrored; modulo 8.
+            Orientation of the frames at the network's input, modulo 8: number of quarter turns; mirrored from 4 to 7.
 
         Returns
         -------
@@ -79,5 +79,5 @@ class ImageNet:
         return x - self.runner.noise(frames, np.full_like(frames, sigma), turn).reshape(x.shape)
 
     def finish(self, x: np.ndarray, sigma: float) -> np.ndarray:
-        """A solver's last estimate x as it is: single frames have no motion to average along."""
+        """Return x, a solver's last estimate, unchanged: this network does not use motion."""
         return x

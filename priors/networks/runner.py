@@ -1,4 +1,4 @@
-"""Running a network on numpy arrays: precision, device, and pieces that fit into memory."""
+"""Inference on numpy arrays: device, precision, and batches that fit into memory."""
 
 from __future__ import annotations
 
@@ -11,13 +11,12 @@ import torch
 from pnp_sci.accel.inference import ready, running, usable
 from priors.networks import files as _weights
 
-# Pixels that a CPU takes together: 20 frames of 256 x 256 take a tenth less time by fours than by eights or at once
-CACHED = 2**18
-PIXELS = 2**24  # ... and another device: about 3 GB of activations in bfloat16
+CACHED = 2**18  # pixels of a batch on a CPU
+PIXELS = 2**24  # pixels of a batch on another device, about 3 GB of activations in bfloat16
 
 
 def opened(path: Path, name: str, device: str | None) -> Runner:
-    """The network of a file of weights; read once, and again when the file has changed."""
+    """The network of a file of weights; cached until the file changes."""
     changed = path.stat().st_mtime_ns if path.is_file() else None
     return _opened(path, name, device, changed)
 
@@ -28,7 +27,17 @@ def _opened(path: Path, name: str, device: str | None, changed: int | None) -> R
 
 
 class Runner:
-    """A network on its device, called with numpy arrays."""
+    """A network on its device, called with numpy arrays.
+
+    Parameters
+    ----------
+    path : Path
+        File of weights.
+    name : str
+        Name of the prior.
+    device : str or None
+        Torch device; None is the CPU.
+    """
 
     def __init__(self, path: Path, name: str, device: str | None):
         self.device = usable(device)
@@ -36,7 +45,10 @@ class Runner:
         self.network = ready(network, self.device)
 
     def noise(self, frames: np.ndarray, level: np.ndarray, turn: int = 0) -> np.ndarray:
-        """Estimate the noise in frames (N, H, W) of this `level` (N, H, W), all float32; `turn` as for `turned`."""
+        """Estimate the noise of frames (N, H, W) with standard deviation `level` (N, H, W); all are float32.
+
+        The argument `turn` is as for :func:`turned`.
+        """
         out = np.empty_like(frames)
         step = max(1, (CACHED if self.device.type == "cpu" else PIXELS) // frames[0].size)
         with running(self.device):
@@ -49,7 +61,7 @@ class Runner:
 
 
 def turned(frames: torch.Tensor, turn: int, back: bool = False) -> torch.Tensor:
-    """Frames (N, H, W) after `turn` quarter turns, mirrored before them from the fifth on; or `back` from there."""
+    """Rotate frames (N, H, W) by `turn` quarter turns, modulo 8, after a reflection from 4 on; `back` inverts it."""
     quarters, mirrored = turn % 4, turn % 8 >= 4
     if back:
         frames = frames.rot90(-quarters, (1, 2))

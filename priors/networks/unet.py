@@ -1,6 +1,6 @@
-"""The network behind the learned priors: a small U-net that is told the noise level of each pixel.
+"""The network of the learned priors: a small U-net with a map of the noise level as input.
 
-This module imports torch; the priors import it on their first call.
+This module imports torch; the priors import it when a session begins.
 """
 
 from __future__ import annotations
@@ -18,12 +18,12 @@ from priors.networks import LIMIT
 
 @dataclass(frozen=True)
 class Architecture:
-    """What defines a network.
+    """Architecture of a network.
 
     Parameters
     ----------
     widths, blocks : tuple of int
-        Channels and residual blocks of each scale, finest first.
+        Number of channels and of residual blocks at each scale, finest first.
     """
 
     widths: tuple[int, ...]
@@ -31,7 +31,7 @@ class Architecture:
 
     @property
     def multiple(self) -> int:
-        """Height and width are padded to a multiple of this: the unshuffling, then one halving a further scale."""
+        """Height and width are padded to a multiple of this: a factor of 2 for the unshuffling and for each scale."""
         return 2 ** len(self.widths)
 
 
@@ -39,7 +39,7 @@ SMALL = Architecture(widths=(32, 48, 64), blocks=(1, 1, 2))
 
 
 def reflected(index: torch.Tensor, length: int) -> torch.Tensor:
-    """Bring any index into 0..length-1 by reflection about the first and the last element.
+    """Map any integer index into 0..length-1 by reflection about the first and the last element.
 
     >>> reflected(torch.arange(-2, 5), 3).tolist()
     [2, 1, 0, 1, 2, 1, 0]
@@ -50,28 +50,28 @@ def reflected(index: torch.Tensor, length: int) -> torch.Tensor:
 
 
 def conv(inputs: int, outputs: int, size: int = 3, stride: int = 1) -> nn.Conv2d:
-    """Convolution without a bias: the network then scales with its input, D(a x, a sigma) = a D(x, sigma)."""
+    """Convolution without bias, for scale equivariance: D(a x, a sigma) = a D(x, sigma) for a > 0."""
     return nn.Conv2d(inputs, outputs, size, stride, padding=(size - 1) // 2, bias=False)
 
 
 def enlargement(fine: int, coarse: int) -> nn.ConvTranspose2d:
-    """Each pixel becomes two by two."""
+    """Transposed convolution that doubles height and width."""
     layer = nn.ConvTranspose2d(coarse, fine, 2, 2, bias=False)
-    nn.init.uniform_(layer.weight, -(coarse**-0.5), coarse**-0.5)  # torch itself takes four times `fine` for the inputs
+    nn.init.uniform_(layer.weight, -(coarse**-0.5), coarse**-0.5)  # fan-in `coarse`; torch's is 4 `fine`
     return layer
 
 
 def stage(count: int, width: int) -> nn.Sequential:
-    """Residual blocks of two convolutions, at one scale."""
+    """`count` residual blocks of two convolutions, with `width` channels."""
     bodies = (nn.Sequential(conv(width, width), nn.ReLU(inplace=True), conv(width, width)) for _ in range(count))
     return nn.Sequential(*map(Residual, bodies))
 
 
 class Network(nn.Module):
-    """Estimates the noise in grey frames, bounded by ``LIMIT * level``: a denoiser is ``x - network(x, level)``.
+    """Estimates the noise of grey frames, clipped to ``LIMIT * level``; ``x - network(x, level)`` is the denoiser.
 
-    Pixel-unshuffling by two and a map of the noise level come from FFDNet (Zhang, Zuo & Zhang, 2018), scale-equivariant
-    residual U-nets without biases from DRUNet (Zhang et al., 2021).
+    Pixel unshuffling and the map of the noise level are from FFDNet (Zhang, Zuo & Zhang, 2018). The residual U-net
+    without biases, which is scale-equivariant, is from DRUNet (Zhang et al., 2021).
     """
 
     def __init__(self, architecture: Architecture = SMALL):
@@ -87,7 +87,7 @@ class Network(nn.Module):
         nn.init.zeros_(self.tail.weight)
 
     def forward(self, x: torch.Tensor, level: torch.Tensor) -> torch.Tensor:
-        """Noise in frames x (N, H, W), float32; `level`, of the same shape, is its standard deviation in each pixel."""
+        """Noise of frames x (N, H, W), float32; `level` is its standard deviation in each pixel, of the same shape."""
         height, width = x.shape[1:]
         h, skips = self._see(self._pad(x), self._pad(level)), []
         for blocks, shrink in zip(self.down, self.shrink):
@@ -100,7 +100,7 @@ class Network(nn.Module):
         return torch.minimum(torch.maximum(noise, -LIMIT * level), LIMIT * level)
 
     def _pad(self, x: torch.Tensor) -> torch.Tensor:
-        """Extend the last two dimensions to the next multiple by reflection, whatever their size."""
+        """Pad the last two dimensions, of any size, to the next multiple by reflection."""
         for axis in (-2, -1):
             size, multiple = x.shape[axis], self.architecture.multiple
             if size % multiple:
@@ -109,9 +109,9 @@ class Network(nn.Module):
         return x
 
     def _see(self, x: torch.Tensor, level: torch.Tensor) -> torch.Tensor:
-        """First layer: every frame with its noise level, in full precision.
+        """First layer, in float32: frames and noise level.
 
-        Rounded to bfloat16, a pixel of 0.9 is off by up to 0.002: half of a faint noise would be the rounding's own.
+        In bfloat16 a value of 0.9 has a rounding error of up to 0.002, which is comparable to weak noise.
         """
         device = x.device.type
         seen = torch.cat([F.pixel_unshuffle(x[:, None], 2), F.avg_pool2d(level[:, None], 2)], 1)

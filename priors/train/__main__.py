@@ -24,37 +24,39 @@ PATH = click.Path(path_type=Path)
 @click.command(context_settings={"show_default": True})
 @click.argument("name", type=click.Choice(sorted(SAMPLES)))
 @click.option("--data", type=FOLDER, multiple=True, required=True, help="Folder of videos or photographs; repeatable.")
-@click.option("--start", type=PATH, help="Weights to start from.  [default: random; for the video net the image net's]")
-@click.option("--solves", type=click.IntRange(min=1), help="Train on what is seen in so many measurements, too.")
+@click.option("--start", type=PATH, help="Initial weights.  [default: random; for video the image net's]")
+@click.option("--solves", type=click.IntRange(min=1), help="Measurements to solve for training samples.")
 @click.option("--out", type=PATH, help="Folder for checkpoint and curves.  [default: runs/NAME]")
+@click.option("--weights", type=PATH, help="Weights to write, with a model card.  [default: OUT/NAME.safetensors]")
+@click.option("--minutes", default=90.0, help="Budget of training time in minutes, without pauses.")
 @click.option(
-    "--weights", type=PATH, help="Weights to write, the model card beside them.  [default: OUT/NAME.safetensors]"
+    "--steps", type=click.IntRange(min=1), help="Budget in steps; replaces --minutes. Reproducible on one machine."
 )
-@click.option("--minutes", default=90.0, help="Budget of time spent in training; a pause does not count.")
-@click.option(
-    "--steps", type=click.IntRange(min=1), help="Budget of steps instead: the same weights on every run of one machine."
-)
-@click.option("--seed", default=0, help="Seed of weights, crops and noise.")
+@click.option("--seed", default=0, help="Random seed of weights, crops and noise.")
 @click.option("--rate", default=1e-3, help="Highest learning rate.")
 @click.option(
     "--crop",
     type=click.IntRange(min=8),
-    help="Height and width of a sample in pixels.  [default: 96 of clips, 64 of images]",
+    help="Height and width of a sample in pixels.  [default: 96 for clips, 64 for images]",
 )
-@click.option("--batch", type=click.IntRange(min=1), help="Samples a step and process.  [default: 1 clip or 16 images]")
-@click.option("--optimizer", type=click.Choice(OPTIMIZERS), default="adam", help="Adam, or Muon for the kernels.")
-@click.option("--validations", default=20, type=click.IntRange(min=1), help="How often the files are renewed.")
+@click.option(
+    "--batch", type=click.IntRange(min=1), help="Samples per step and process.  [default: 1 clip or 16 images]"
+)
+@click.option("--optimizer", type=click.Choice(OPTIMIZERS), default="adam", help="Adam, or Muon for kernels.")
+@click.option("--validations", default=20, type=click.IntRange(min=1), help="Number of validations and checkpoints.")
 @click.option("--resume", is_flag=True, help="Continue from the checkpoint in the output folder.")
 def main(
     name, data, start, solves, out, weights, minutes, steps, seed, rate, crop, batch, optimizer, validations, resume
 ):  # fmt: skip
-    """Train the prior NAME on a folder of videos; for the image net, of photographs too.
+    """Train the prior NAME on folders of videos; the image net (ffdnet) also on photographs.
 
-    The video net starts from the image net of this package, which cleans the frames that it sees: to train both, train
-    that first, with --weights priors/weights/ffdnet.safetensors. --start goes on from other weights of NAME. With
-    --solves, each process solves so many measurements of the training clips with these, and again with what each
-    validation finds, and half of the samples are what the network has seen within the solver. This time does not count.
-    Checkpoint, curves (CSV), weights and model card are renewed on the way. Works under torchrun.
+    The video net starts from the image net of this package, which also denoises its input frames. To train both, train
+    the image net first, with --weights priors/weights/ffdnet.safetensors. --start takes other weights of NAME.
+
+    With --solves, each process solves that many measurements of the training clips before the first step and at each
+    validation. Half of the samples are then inputs of the network during these solves. The budget excludes their time.
+
+    Each validation rewrites checkpoint, curves (CSV), weights and model card. Works under torchrun.
     """
     out = out or Path("runs") / name
     asked = {key: value for key, value in (("crop", crop), ("batch", batch)) if value is not None}
@@ -73,7 +75,7 @@ def main(
     command = f"python -m priors.train {name} {folders} {spent} {learning}{size}{begun}"
 
     def run() -> None:
-        numba.set_num_threads(min(torch.get_num_threads(), numba.get_num_threads()))  # as torchrun shares them
+        numba.set_num_threads(min(torch.get_num_threads(), numba.get_num_threads()))  # torchrun limits torch's threads
         training, validation = split(load_clips(data))
         path = weights or out / f"{name}.safetensors"
         place = Place.here()

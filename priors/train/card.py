@@ -1,4 +1,4 @@
-"""The model card, written beside the weights."""
+"""The model card (Markdown) beside the weights."""
 
 from __future__ import annotations
 
@@ -14,8 +14,9 @@ from priors.train.validation import FRAMES, LEVELS, SIZE
 CARD = """# {name}: denoiser of grey {kind}
 
 A U-net of {parameters:.2f} million parameters, `{architecture}`.
-It takes frames in [0, 1] and the standard deviation of the noise in each pixel, is scale-equivariant, and never moves a
-pixel by more than {limit:g} standard deviations. Weights in half precision; SHA-256 of their values: `{digest}`.
+Inputs: frames in [0, 1] and the standard deviation of the noise of each pixel. The network is scale-equivariant and
+changes no pixel by more than {limit:g} standard deviations. Weights in half precision; SHA-256 of their values:
+`{digest}`.
 
 ## Training
 
@@ -23,35 +24,35 @@ pixel by more than {limit:g} standard deviations. Weights in half precision; SHA
 |---|---|
 | command | `{command}` |
 | data | {data} |
-| samples | {batch} a step, each {frames} frame(s) of {crop} x {crop} pixels |
+| samples | {batch} per step, each {frames} frame(s) of {crop} x {crop} pixels |
 | steps | {steps} in {minutes:.1f} minutes |
 | hardware | {hardware} |
 | software | torch {torch} |
 
 Loss: logarithm of the squared error of a frame; cosine schedule, exponential moving average of the weights.
-Noise: standard deviation mostly log-uniform in 5-50 of 255, else uniform in 0-75; white, and for {share:.0%} of the
-samples partly masked and shared by the frames, as the residual of a snapshot is.
+Noise: standard deviation log-uniform in 5-50 of 255 for 80 % of the samples, else uniform in 0-75. It is white. For
+{share:.0%} of the samples, part of it is a noise common to all frames times binary masks, as in snapshot residuals.
 {seen} Training began with {origin}.
 {states}
 ## Validation
 
-Mean PSNR in dB over the first {shown} frames, central {size} x {size} pixels, of {count} clips whose scenes were not
-trained on ({held_out}); white Gaussian noise of seed 0:
+Mean PSNR in dB over the first {shown} frames, central {size} x {size} pixels, of {count} clips whose scenes are not in
+the training set ({held_out}); white Gaussian noise of seed 0:
 
 | sigma (of 255) | {levels} |
 |---|{rules}
 | PSNR (dB) | {psnr} |
 
-These figures do not say how well the prior serves inside a solver, whose estimates hold other errors than white noise.
+These figures do not measure the prior inside a solver, whose estimates have other errors than white noise.
 """
 
-STATES = """In each step as many frames again are what the network has seen within the solver meanwhile, from {} such
-frames of measurements of training clips; where `ofanet-fast` has weights the solver began with that.
+STATES = """Half of the frames of each step are inputs of the network during solves of measurements of training clips.
+{} such frames were kept. The solver started from `ofanet-fast` where that has weights.
 """
 
 
 def write_card(task: Any, progress: Progress, place: Place, digest: str) -> None:
-    """Write the card of the task's weights as they stand; folders appear by their last name only."""
+    """Write the card for the current weights of `task`; folders appear by their last name only."""
     sample = task.sample
     moving = [len(clip.frames) for clip in task.training if len(clip.frames) > 1]
     text = CARD.format(

@@ -1,4 +1,4 @@
-"""Noisy crops of clips and photographs, to train denoisers on."""
+"""Noisy crops of clips and photographs: training samples of denoisers."""
 
 from __future__ import annotations
 
@@ -9,13 +9,25 @@ import numpy as np
 from pnp_sci.errors import FormatError
 from pnp_sci.training.clips import Clip, fold
 
-FRAME, CLIP = 0.2, 0.7  # parts of the single frames, and of the clips, that have some of a snapshot's noise
+FRAME, CLIP = 0.2, 0.7  # fractions of single frames and of clips with snapshot noise, see unit_noise
 
 
 class Sampler:
-    """Noisy crops and their clean originals; the same (seed, rank, step) always gives the same batch.
+    """Random clean and noisy crops, determined by (seed, rank, step).
 
-    Half of a batch for the image net comes from photographs where there are any; clips are drawn equally often.
+    Clips have equal probability. For single frames, photographs and clips each have probability 1/2 if there are both.
+
+    Parameters
+    ----------
+    clips : sequence of Clip
+    frames, crop, batch : int
+        Frames of a sample, its height and width in pixels, and samples per batch.
+    seed : int
+
+    Raises
+    ------
+    FormatError
+        If no clip can be used.
     """
 
     def __init__(self, clips: Sequence[Clip], *, frames: int, crop: int, batch: int, seed: int):
@@ -27,7 +39,7 @@ class Sampler:
             raise FormatError("data: clips of more than one frame were expected")
 
     def __call__(self, rank: int, step: int) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-        """Return clean and noisy crops (batch, frames, crop, crop) in [0, 1] and their noise levels (batch,)."""
+        """Clean and noisy crops (batch, frames, crop, crop), in units where white is 1, and noise levels (batch,)."""
         random = np.random.default_rng([self.seed, rank, step])
         clean = np.stack([self.piece(random) for _ in range(self.batch)]).astype(np.float32) / 255
         sigma = np.array([noise_level(random) for _ in range(self.batch)], np.float32)
@@ -35,7 +47,7 @@ class Sampler:
         return clean, clean + sigma[:, None, None, None] * noise, sigma
 
     def piece(self, random: np.random.Generator) -> np.ndarray:
-        """Draw a crop of some frames of a clip, uint8 (frames, crop, crop), turned and flipped."""
+        """Draw a crop of consecutive or alternate frames, uint8 (frames, crop, crop), randomly rotated and mirrored."""
         pool = self.pools[random.integers(len(self.pools))]
         frames = pool[random.integers(len(pool))]
         count, height, width = frames.shape
@@ -49,18 +61,17 @@ class Sampler:
 
 
 def noise_level(random: np.random.Generator) -> float:
-    """Draw a standard deviation: mostly log-uniform in 5-50 of 255, now and then uniform in 0-75."""
+    """Draw a standard deviation in [0, 75/255]: log-uniform in 5-50 of 255 with probability 0.8, else uniform."""
     if random.random() < 0.2:
         return random.uniform(0, 75) / 255
     return float(np.exp(random.uniform(np.log(5), np.log(50)))) / 255
 
 
 def unit_noise(random: np.random.Generator, shape: tuple[int, ...]) -> np.ndarray:
-    """Draw noise of unit variance, float32 (B, H, W): white, and for some crops partly a snapshot's.
+    """Draw noise of unit variance, float32 (B, H, W): white, and for some crops partly snapshot noise.
 
-    A projection onto a measurement spreads one residual over all frames through their masks, so that the noise a
-    solver hands to its prior is the same in the frames whose masks are open, and nothing where they are closed.
-    For clips 0.7 in the place of 0.2 loses 0.1 dB on white noise and gains 0.1 to 0.3 dB in the solver.
+    A projection onto a measurement adds the same residual to all frames, times their masks. So the noise of a solver's
+    estimate is equal in frames whose masks are open, and 0 where they are closed.
     """
     white = random.standard_normal(shape, np.float32)
     if random.random() > (FRAME if shape[0] == 1 else CLIP):

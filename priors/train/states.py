@@ -1,10 +1,11 @@
-"""What a network sees within a solver, and what it should make of it.
+"""Training samples from the solver: inputs of the network during solves, with the true frames.
 
-The estimates that a solver hands to its prior hold other errors than noise. A network that has been trained on noise
-goes on from what it meets there: measurements of training clips are solved with it, and what it is shown is kept beside
-the truth. Trained on that, it leads the solver elsewhere, so that more is gathered with the new weights, time and again
-(Ross, Gordon & Bagnell, "A reduction of imitation learning and structured prediction to no-regret online learning",
-2011): trained on one collection only, the network draws things on and on where noise hides the scene.
+The errors of a solver's estimates differ from white noise. Measurements of training clips are solved with the current
+network, and its inputs are stored with the truth. As the inputs depend on the weights, new ones are collected at each
+validation and added to the earlier ones (DAgger).
+
+S. Ross, G. Gordon & J. A. Bagnell, "A reduction of imitation learning and structured prediction to no-regret online
+learning", AISTATS 2011.
 """
 
 from __future__ import annotations
@@ -29,26 +30,24 @@ from priors.video import Video
 
 PRIORS = {"video": Video, "ffdnet": FFDNet}
 
-# Views and frames of the measurements that are solved, and how often.
-SETUPS = {(2, 10): 0.45, (2, 6): 0.13, (2, 14): 0.1, (1, 8): 0.2, (1, 16): 0.12}
-QUIET, NOISE = 0.65, (0.004, 0.1)  # part of them without noise; else log-uniform between these, in parts of max(y)
-DENSE, DENSITY = 0.75, (0.3, 0.6)  # part of the masks of density 1/2; else uniform between these
-# Part of them that is solved with the iterations of effort="best", and with so many: what a network that goes astray
-# makes of a scene in the long run is to be seen too.
-BEST, LONG, MANY = 0.3, 0.15, 150
-CALLS, FRAMES = 5, 8  # kept of a measurement: the last call and others by chance, and so many frames of each at most
+SETUPS = {(2, 10): 0.45, (2, 6): 0.13, (2, 14): 0.1, (1, 8): 0.2, (1, 16): 0.12}  # (views, frames): probability
+QUIET, NOISE = 0.65, (0.004, 0.1)  # fraction without noise, and range of the others' log-uniform noise, of max(y)
+DENSE, DENSITY = 0.75, (0.3, 0.6)  # fraction of masks of density 1/2, and range of the others' uniform density
+BEST = 0.3  # fraction of measurements solved with effort="best"
+LONG, MANY = 0.15, 150  # fraction of measurements solved with a larger number of iterations, and that number
+CALLS, FRAMES = 5, 8  # calls kept per measurement, the last one among them, and frames kept per call, at most
 
 
 @dataclass(frozen=True)
 class States:
-    """Frames as the network saw them, the noise level that it was told, and the truth: float16 (N, H, W) each."""
+    """Inputs of the network, frames and noise level, and the true frames: float16 (N, H, W) each."""
 
     frames: np.ndarray
     level: np.ndarray
     truth: np.ndarray
 
     def draw(self, random: np.random.Generator, count: int) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-        """So many of them, (count, H, W) each, float32, turned and flipped."""
+        """Draw `count` samples, three arrays (count, H, W) of float32, randomly rotated and mirrored."""
         chosen = random.integers(len(self.frames), size=count)
         quarters, flip = int(random.integers(4)), random.choice([-1, 1])
         return tuple(  # type: ignore[return-value]
@@ -58,18 +57,20 @@ class States:
 
 
 class Watch:
-    """Solves measurements of `crop` x `crop` pixels with a prior, and keeps what its network sees.
+    """Solves measurements of `crop` x `crop` pixels with a prior and stores the inputs of its network.
 
     Parameters
     ----------
     clips : sequence of Clip
-        Each view shows a piece of one.
+        Source of the views.
     name : "video" or "ffdnet"
         The prior.
     solves : int
-        Measurements at a time; what is kept of each takes about 2 MB with crops of 96 pixels.
-    crop, seed, rank : int
-        The same always draw the same measurements.
+        Measurements per call. Each takes about 2 MB with crops of 96 pixels.
+    crop : int
+        Height and width in pixels.
+    seed, rank : int
+        Seed of the random measurements.
     """
 
     def __init__(self, clips: Sequence[Clip], name: str, solves: int, crop: int, seed: int, rank: int):
@@ -77,14 +78,14 @@ class Watch:
         self.random = np.random.default_rng([seed, rank])
 
     def __call__(self, network: torch.nn.Module) -> States:
-        """What the network, a bare one, sees within the solver."""
+        """Solve measurements with the weights of `network`; return its inputs."""
         with TemporaryDirectory() as folder:
             path = Path(folder) / f"{self.name}.safetensors"
             files.save(path, self.name, network.architecture, network)  # type: ignore[arg-type]
             return self._gathered(opened(path, self.name, None), PRIORS[self.name](weights=path))
 
     def _gathered(self, runner: Runner, prior: Prior) -> States:
-        """What the runner of this prior is given in some measurements."""
+        """The inputs of `runner` during solves with `prior`."""
         seen: list[tuple[np.ndarray, np.ndarray]] = []
         kept: list[tuple[np.ndarray, np.ndarray, np.ndarray]] = []
         with _watched(runner, seen):
@@ -101,7 +102,7 @@ class Watch:
 
 @contextmanager
 def _watched(runner: Runner, seen: list[tuple[np.ndarray, np.ndarray]]) -> Iterator[None]:
-    """Meanwhile, `seen` holds the frames and levels that the runner has been given."""
+    """Context in which the inputs of `runner`, frames and levels, are appended to `seen`."""
 
     def noise(frames: np.ndarray, level: np.ndarray, turn: int) -> np.ndarray:
         if np.isfinite(frames).all():
@@ -116,7 +117,7 @@ def _watched(runner: Runner, seen: list[tuple[np.ndarray, np.ndarray]]) -> Itera
 
 
 def _solved(clips: Sequence[Clip], prior: Prior, crop: int, random: np.random.Generator) -> np.ndarray:
-    """Solve one measurement; returns its truth (V * B, H, W) in the units that the network saw."""
+    """Solve one random measurement; return its truth (V * B, H, W), float16, in the units of the network's input."""
     views, frames = list(SETUPS)[random.choice(len(SETUPS), p=list(SETUPS.values()))]
     sampler = Sampler(clips, frames=frames, crop=crop, batch=1, seed=0)
     truth = np.stack([sampler.piece(random) for _ in range(views)]).astype(np.float32) / 255

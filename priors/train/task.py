@@ -1,4 +1,4 @@
-"""What is trained: a denoiser, its loss and its validation."""
+"""The training task: a denoiser, its loss and its validation."""
 
 from __future__ import annotations
 
@@ -20,12 +20,12 @@ from priors.train.data import Sampler
 from priors.train.states import States, Watch
 from priors.train.validation import LEVELS, denoised, psnr
 
-LEAST = 1e-6  # added to squares: errors below 0.001 are as good as none
+LEAST = 1e-6  # added to mean squares in the loss, which limits the weight of errors below 0.001
 
 
 @dataclass(frozen=True)
 class Sample:
-    """What a step of one process sees: `batch` crops of so many frames of `crop` x `crop` pixels."""
+    """Samples of a step and process: `batch` crops of `frames` frames of `crop` x `crop` pixels."""
 
     frames: int
     batch: int
@@ -33,33 +33,33 @@ class Sample:
 
 
 class Plain:
-    """The net sees noisy frames as they are."""
+    """The network's input is the noisy frames."""
 
     origin = "random weights"
 
     def start(self) -> Network:
-        """A network to begin with."""
+        """A network with random weights."""
         return Network()
 
     def __call__(self, noisy: np.ndarray, sigma: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """The frames of `noisy` and their noise level, which is `sigma` (V,) everywhere in a clip."""
+        """The frames `noisy` (V, B, H, W) and their noise level, `sigma` (V,) in all pixels of a clip."""
         return noisy, np.broadcast_to(sigma[:, None, None, None], noisy.shape).copy()
 
 
 class Averaged:
-    """The net sees averages along the motion that the image net's frames show."""
+    """The network's input is averages along the motion, which is estimated after the image net."""
 
-    origin = "that net"
+    origin = "the weights of the image net"
 
     def __init__(self) -> None:
         self.image = ImageNet()
 
     def start(self) -> Network:
-        """The image net, to begin with."""
+        """A network with the weights of the image net."""
         return _weights.load(WEIGHTS / "ffdnet.safetensors", "ffdnet")[0].train()
 
     def __call__(self, noisy: np.ndarray, sigma: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """The averages of `noisy` and the noise level that is left in each pixel."""
+        """Averages of `noisy` (V, B, H, W) along the motion, and the standard deviation of their noise."""
         clips = [(clip[None], float(level)) for clip, level in zip(noisy, sigma)]
         parts = [averaged(clip, level, see(self.image, clip, level)) for clip, level in clips]
         mean, level = (np.concatenate(part) for part in zip(*parts))
@@ -70,7 +70,7 @@ SEEN: dict[str, Callable[[], Plain | Averaged]] = {"ffdnet": Plain, "video": Ave
 
 
 class Denoising:
-    """The prior `name`, trained to take noise of known level off clips; a task of :mod:`pnp_sci.training.loop`."""
+    """Training of the network of the prior `name`, a task of :mod:`pnp_sci.training.loop`."""
 
     scores = tuple(f"psnr_{level}" for level in LEVELS)
 
@@ -86,14 +86,15 @@ class Denoising:
         self.settings = str(self.network.architecture)
         self.origin = "earlier weights" if start else self.prepare.origin
         self.collections: list[States] = []
-        self.learned = 0  # frames of them that the network has been trained on
+        self.learned = 0  # number of frames of the collections used for training
         self.compiled = [self.network]
         self.sampler = Sampler(training, frames=sample.frames, crop=sample.crop, batch=sample.batch, seed=seed)
 
     def loss(self, model: torch.nn.Module, place: Place, step: int) -> torch.Tensor:
-        """Logarithm of a frame's squared error, in units of its noise; with a watch as many frames of a solver's too.
+        """Mean logarithm of the squared error of a frame, relative to its noise.
 
-        The first are gathered here, so that a run that is resumed begins with what its own weights lead to.
+        With a watch, half of the frames are inputs during solves. The first collection is made here, so that a resumed
+        run uses its own weights.
         """
         clean, noisy, sigma = self.sampler(place.rank, step)
         samples = [(*self.prepare(noisy, sigma), clean)]
@@ -112,9 +113,9 @@ class Denoising:
         return torch.stack(losses).mean()
 
     def validate(self, network: torch.nn.Module, place: Place) -> torch.Tensor:
-        """Sums of the PSNR in dB at each of the validation's levels, and the number of clips.
+        """Sums of the PSNR in dB at each validation level, and the number of clips.
 
-        What this network sees within the solver joins the samples.
+        With a watch, it also collects new samples.
         """
         if self.watch:
             self.learned = sum(len(collection.frames) for collection in self.collections)

@@ -1,4 +1,4 @@
-"""PSNR on the clips held out."""
+"""PSNR on the held-out clips."""
 
 from __future__ import annotations
 
@@ -12,21 +12,21 @@ from pnp_sci.training.clips import Clip
 
 Prepare = Callable[[np.ndarray, np.ndarray], tuple[np.ndarray, np.ndarray]]
 
-LEVELS = (5, 15, 25, 40)  # of 255
-FRAMES, SIZE = 10, 256  # first frames and central square of every clip
+LEVELS = (5, 15, 25, 40)  # standard deviations of the noise, in units of 1/255
+FRAMES, SIZE = 10, 256  # first frames, and pixels per side of the central square of each clip
 
 
 def denoised(network: torch.nn.Module, frames: np.ndarray, level: np.ndarray, device: torch.device) -> torch.Tensor:
-    """`frames` (V, B, H, W) without the noise that the network finds; its `level` (V, B, H, W) is known."""
+    """`frames` (V, B, H, W) minus the noise that the network estimates for its `level` (V, B, H, W)."""
     x, sigma = (torch.from_numpy(a).to(device).flatten(0, 1) for a in (frames, level))
     with mixed_precision(device):
         return (x - network(x, sigma)).unflatten(0, frames.shape[:2])
 
 
 def psnr(network: torch.nn.Module, prepare: Prepare, clips: Sequence[Clip], device: torch.device) -> torch.Tensor:
-    """Sum over `clips` of each level's PSNR in dB (mean of the frames' PSNR, peak 1), on the noise of a fixed seed.
+    """Sum over `clips` of the PSNR in dB at each level (mean over frames, peak 1), for noise of a fixed seed.
 
-    `prepare` makes what the network sees, and the level of its noise, of noisy clips and theirs.
+    `prepare` turns noisy clips and their levels into the network's input and the level of its noise.
     """
     total = torch.zeros(len(LEVELS), dtype=torch.float64)
     for clip in clips:

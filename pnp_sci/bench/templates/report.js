@@ -30,7 +30,7 @@ function player(panels) {
     const ticket = ++wanted;
     const { view, frame, against } = state;
     const images = await Promise.all(panels.map((_, panel) => picture(panel, view, frame)));
-    if (ticket !== wanted) return;  // a later frame has been asked for
+    if (ticket !== wanted) return;  // another frame was requested meanwhile
     const base = against < 0 ? null : pixels(images[against]);
     canvases.forEach((canvas, panel) => {
       const context = canvas.getContext("2d");
@@ -135,7 +135,7 @@ function player(panels) {
     zoom(state.zoom > 1 ? 1 / state.zoom : 3, px, py);
   });
   grid.addEventListener("wheel", (event) => {
-    if (!event.ctrlKey || !event.target.closest(".window")) return;  // else the page scrolls
+    if (!event.ctrlKey || !event.target.closest(".window")) return;  // else scroll the page
     event.preventDefault();
     const [px, py] = place(event);
     zoom(Math.exp(-event.deltaY / 300), px, py);
@@ -156,7 +156,7 @@ function player(panels) {
   document.addEventListener("keydown", (event) => {
     if (event.ctrlKey || event.metaKey || event.altKey || !(event.key in keys)) return;
     const typing = event.target.closest("select, button, summary, pre, .scroll");
-    const sliding = event.target.closest("input") && event.key.startsWith("Arrow");  // the slider moves itself
+    const sliding = event.target.closest("input") && event.key.startsWith("Arrow");  // the slider handles its arrow keys
     if (typing || sliding) return;
     event.preventDefault();
     keys[event.key]();
@@ -165,7 +165,7 @@ function player(panels) {
   show({});
 }
 
-// 256 colours between those of a list such as "rgb(0 0 4), rgb(81 18 124)", each as four bytes: red, green, blue, opaque
+// 256 colours interpolated in a list such as "rgb(0 0 4), rgb(81 18 124)", each as four bytes: red, green, blue, alpha
 function colourMap(list) {
   const stops = list.match(/rgb\([^)]*\)/g).map((text) => text.match(/\d+/g).map(Number));
   const bytes = Array.from({ length: 256 }, (_, level) => {
@@ -176,7 +176,7 @@ function colourMap(list) {
   return new Uint32Array(Uint8ClampedArray.from(bytes.flat()).buffer);
 }
 
-// ---- table: sorted by the column that is clicked, what is missing last ----------------------------------------------
+// ---- table: sorted by the clicked column, missing values last -------------------------------------------------------
 
 function sortable(table) {
   const headings = [...table.tHead.rows[0].cells];
@@ -204,7 +204,7 @@ function sortable(table) {
   sort(1, "descending");  // PSNR, or the score without truth
 }
 
-// ---- plot: what a point is, beside it and in the table --------------------------------------------------------------
+// ---- plot: a tooltip for each point, and its row in the table -------------------------------------------------------
 
 function hover(plot) {
   const tip = plot.querySelector(".tip");

@@ -1,0 +1,320 @@
+"""Sweeps of the tuned numbers: what each costs, in dB, if it is halved, doubled or switched off.
+
+    PNP_SCI_DATA=... python benchmarks/calibrate.py priors.flow       # the numbers of a module, or one: priors.flow.grain
+    python benchmarks/calibrate.py --list                             # all tuned numbers, and how many there are
+
+The cases are crops of 128 x 128 pixels of validation clips (:func:`pnp_sci.training.clips.split`), on which no network
+was trained. The three pairs of the benchmark are not among them. Each number has a row in docs/calibration.
+"""
+
+import importlib
+import json
+import os
+import pkgutil
+import time
+from concurrent.futures import ProcessPoolExecutor, as_completed
+from contextlib import contextmanager
+from dataclasses import dataclass, fields
+from multiprocessing import get_context
+from pathlib import Path
+
+import click
+import numpy as np
+
+ROOT = Path(__file__).parents[1]
+PAGES = ROOT / "docs" / "calibration"
+SIZE = 128
+OPTIONS = {  # numbers that are options of priors
+    "priors.tv.TV": ("strength",),
+    "priors.bm3d.BM3D": ("first",),
+    "priors.flow.Flow": ("neighbours", "tolerance", "drift", "first"),
+    "priors.ffdnet.FFDNet": ("first",),
+    "priors.video.Video": ("first",),
+}
+# Methods that a module serves, and the kinds of cases: moving scenes, noise, still scenes, or what is modelled of them
+ALL, FAST = ("tv", "flow", "video"), ("tv", "flow")
+SERVES = {
+    "pnp_sci.solvers.schedule": (ALL, "noise"),
+    "pnp_sci.solvers.gap": (ALL, "moving noise"),
+    "pnp_sci.solvers.plan": (ALL, "moving noise"),
+    "pnp_sci.solvers.averaging": (("flow", "video"), "moving noise"),
+    "pnp_sci.pipeline.blend": (("video",), "noise"),
+    "pnp_sci.scene.select": (FAST, "scene"),
+    "pnp_sci.scene.evidence": (FAST, "scene"),
+    "pnp_sci.sensing.problem": (FAST, "moving noise"),
+    "pnp_sci.sensing.noise": (FAST, "moving noise"),
+    "priors.tv": (("tv",), "moving noise still"),
+    "priors.bm3d": (("bm3d", "flow"), "moving noise still"),
+    "priors.flow": (("flow",), "moving noise still"),
+    "priors.motion.measure": (("flow", "video"), "moving noise"),
+    "priors.kernels.still": (FAST, "moving still"),
+    "priors.ffdnet": (("ffdnet",), "moving noise"),
+    "priors.session": (("ffdnet", "video"), "moving noise"),
+    "priors.networks.along_motion": (("video",), "moving noise"),
+    "priors.video": (("video",), "moving noise"),
+    "priors.both": (("both",), "moving noise"),
+    "ofanet_init.decoder": (("decode:ofanet-fast",), "moving noise"),
+}
+ALSO = {"pnp_sci.solvers.schedule.sigma": "moving", "pnp_sci.solvers.schedule.many": "moving"}
+EFFORT = {"fast": "fast", "strong_fast": "fast", "best": "best", "per_frame_best": "best"}
+OFF = json.loads((Path(__file__).parent / "calibrate_off.json").read_text())  # values that switch a number off
+
+
+@dataclass(frozen=True)
+class Case:
+    """A scene: indices of validation clips, frames, noise in parts of max(y), whether the first frame stands still."""
+
+    kind: str
+    clips: tuple[int, ...]
+    frames: int = 10
+    noise: float = 0.0
+    still: bool = False
+    dim: float = 1.0  # brightness of the second view
+
+    def load(self, clips):
+        films = [_crop(clips[i], self.frames) for i in self.clips]
+        truth = np.stack([np.repeat(f[:1], self.frames, 0) if self.still else f for f in films])
+        if len(truth) > 1:
+            truth[1] *= self.dim
+        import pnp_sci
+
+        masks = pnp_sci.moving_masks(truth.shape, seed=self.frames)
+        return pnp_sci.simulate(truth, masks, self.noise), masks, truth
+
+
+CASES = [
+    *(Case("moving", pair) for pair in ((0, 1), (2, 3), (4, 5), (6, 7), (8, 9))),
+    *(Case("moving", (i,), 8) for i in (1, 4, 7)),
+    Case("moving", (3, 6), 6),
+    Case("moving", (5, 2), 14),
+    *(Case("noise", pair, noise=n) for pair in ((1, 4), (6, 9)) for n in (0.02, 0.1)),
+    *(Case("still", pair, still=True) for pair in ((0, 5), (3, 8))),
+    *(Case("scene", pair, still=s) for pair in ((0, 7), (2, 9), (4, 1)) for s in (False, True)),
+    Case("scene", (5, 8), noise=0.02),
+    Case("scene", (5, 8), noise=0.02, still=True),
+    Case("scene", (3, 6), dim=0.2),
+    Case("scene", (6, 1), dim=0.0),
+]
+
+
+def _crop(film, count):
+    top, left = ((n - SIZE) // 2 for n in film.shape[1:])
+    return (film[:count, top : top + SIZE, left : left + SIZE] / 255).astype(np.float32)
+
+
+def validation_clips():
+    """Central frames of the validation clips; from a file where there is one, since decoding takes a while."""
+    file = os.environ.get("PNP_SCI_VALIDATION")
+    if file:
+        return list(np.load(file).values())
+    from pnp_sci.training.clips import load_clips, split
+
+    held_out = split(load_clips([Path(os.environ["PNP_SCI_DATA"]) / "train_video"]))[1]
+    return [c.frames for c in held_out if len(c.frames) >= 14 and min(c.frames.shape[1:]) >= SIZE][:10]
+
+
+def tuned_numbers():
+    """All tuned numbers, ``{"module.name": value}``: fields of the classes `Tuned`, and options of priors."""
+    from pnp_sci._tuned import Tuned
+
+    for package in ("pnp_sci", "priors", "ofanet_init"):
+        root = importlib.import_module(package)
+        for module in pkgutil.walk_packages(root.__path__, f"{package}."):
+            source = Path(importlib.util.find_spec(module.name).origin)
+            if "(Tuned)" in source.read_text(encoding="utf-8"):
+                importlib.import_module(module.name)
+    found = {}
+    for cls in sorted(Tuned.__subclasses__(), key=lambda cls: cls.__module__):
+        tuned = importlib.import_module(cls.__module__).TUNED
+        found |= {f"{cls.__module__}.{field.name}": getattr(tuned, field.name) for field in fields(tuned)}
+    for path, names in OPTIONS.items():
+        module, _, cls = path.rpartition(".")
+        default = getattr(importlib.import_module(module), cls)()
+        found |= {f"{path}.{name}": getattr(default, name) for name in names}
+    return found
+
+
+def alternatives(name, value):
+    """What a number is compared with: half, double, and off where that is known."""
+    off = {"off": OFF[name]} if name in OFF else {}
+    if isinstance(value, tuple):
+        return {"half": tuple(v / 2 for v in value), "double": tuple(2 * v for v in value)}
+    if isinstance(value, int):
+        return {"half": max(value // 2, 1), "double": 2 * value} | off
+    return {"half": value / 2, "double": 2 * value} | off
+
+
+@contextmanager
+def changed(name, value):
+    """Meanwhile a tuned number has another value."""
+    if name is None:
+        yield
+        return
+    owner, _, field = name.rpartition(".")
+    if owner in OPTIONS:
+        module, _, cls = owner.rpartition(".")
+        init = getattr(importlib.import_module(module), cls).__init__
+        before = init.__defaults__
+        names = [f.name for f in fields(getattr(importlib.import_module(module), cls))]
+        init.__defaults__ = tuple(value if n == field else d for n, d in zip(names, before))
+        try:
+            yield
+        finally:
+            init.__defaults__ = before
+        return
+    tuned = importlib.import_module(owner).TUNED
+    before = getattr(tuned, field)
+    object.__setattr__(tuned, field, value)
+    try:
+        yield
+    finally:
+        object.__setattr__(tuned, field, before)
+
+
+_clips = []
+
+
+def prepare():
+    """A worker computes with one thread."""
+    import numba
+
+    numba.set_num_threads(1)
+    _clips.extend(validation_clips())
+
+
+def measure(name, value, method, effort, case):
+    """PSNR in dB, the mean over the views, and seconds."""
+    import pnp_sci
+
+    y, masks, truth = case.load(_clips)
+    with changed(name, value):
+        begin = time.perf_counter()
+        if method.startswith("decode:"):
+            x = pnp_sci.decode(y, masks, method[7:], scene="full").x
+        else:
+            scene = "auto" if case.kind == "scene" else "full"
+            x = pnp_sci.solve(y, masks, method, effort=effort, scene=scene, threads=1).x
+        seconds = time.perf_counter() - begin
+    return float(np.mean(np.minimum(pnp_sci.psnr(x, truth), 60))), seconds
+
+
+def tasks(names, values):
+    """Everything to measure: (name, value, method, effort, case), the baselines with no name first."""
+    wanted = []
+    for name in names:
+        module = next(m for m in sorted(SERVES, key=len, reverse=True) if name.startswith(m + "."))
+        methods, kinds = SERVES[module]
+        kinds = f"{kinds} {ALSO.get(name, '')}".split()
+        effort = EFFORT.get(name.rpartition(".")[2], "balanced") if "plan" in module else "balanced"
+        for method in methods:
+            for case in CASES:
+                if case.kind in kinds:
+                    wanted.append((None, None, method, effort, case))
+                    wanted += [(name, v, method, effort, case) for v in alternatives(name, values[name]).values()]
+    return sorted(dict.fromkeys(wanted), key=lambda task: task[0] is not None)
+
+
+def sweep(names, values, jobs, log):
+    """Measure all tasks; rows are appended to `log`, and those that are there are not measured again."""
+    done = {}
+    if log.is_file():
+        for line in log.read_text().splitlines():
+            *key, psnr, seconds = json.loads(line)
+            done[json.dumps(key)] = psnr, seconds
+    wanted = {json.dumps([n, v, m, e, CASES.index(c)]): (n, v, m, e, c) for n, v, m, e, c in tasks(names, values)}
+    left = [task for key, task in wanted.items() if key not in done]
+    prepare()
+    for method in dict.fromkeys(task[2] for task in left):  # compiles once, before the workers start
+        measure(None, None, method, "fast", CASES[0])
+    with ProcessPoolExecutor(jobs, mp_context=get_context("spawn"), initializer=prepare) as pool, log.open("a") as file:
+        futures = {pool.submit(measure, *task): key for key, task in zip(filter(lambda k: k not in done, wanted), left)}
+        for future in as_completed(futures):
+            key = futures[future]
+            done[key] = future.result()
+            file.write(json.dumps([*json.loads(key), *done[key]]) + "\n")
+            file.flush()
+    return {key: done[key] for key in wanted}
+
+
+def changes(name, value, measured):
+    """For each alternative: its value, mean and worst change of PSNR in dB, and the ratio of seconds."""
+    rows = {}
+    for label, other in alternatives(name, value).items():
+        psnr, seconds = [], []
+        for key, (p, s) in measured.items():
+            n, v, *rest = json.loads(key)
+            if n == name and v == (list(other) if isinstance(other, tuple) else other):
+                base, base_seconds = measured[json.dumps([None, None, *rest])]
+                psnr.append(p - base)
+                seconds.append(s / base_seconds)
+        rows[label] = other, float(np.mean(psnr)), float(np.min(psnr)), float(np.median(seconds))
+    return rows
+
+
+def write(names, values, measured):
+    """Renew the rows of these numbers on their pages."""
+    PAGES.mkdir(parents=True, exist_ok=True)
+    for module in dict.fromkeys(owner_of(name) for name in names):
+        page = PAGES / f"{module}.md"
+        rows = _read(page)
+        for name in names:
+            if owner_of(name) == module:
+                cells = changes(name, values[name], measured)
+                rows[name] = [_text(values[name]), *(_cell(cells.get(label)) for label in ("half", "double", "off"))]
+        known = [name for name in values if owner_of(name) == module]
+        lines = [
+            f"# {module}\n",
+            f"Change of PSNR in dB on validation clips, mean (worst), and ratio of seconds, if one number of `{module}` is"
+            f" halved, doubled or switched off. Made by `python benchmarks/calibrate.py {module}`.\n",
+            "| number | value | half | double | off |",
+            "| --- | --- | --- | --- | --- |",
+            *(f"| `{name[len(module) + 1 :]}` | {' | '.join(rows[name])} |" for name in known if name in rows),
+        ]
+        page.write_text("\n".join(lines) + "\n", encoding="utf-8")
+
+
+def owner_of(name):
+    """The module of a number, also if it is an option of a prior."""
+    owner = name.rpartition(".")[0]
+    return owner.rpartition(".")[0] if owner in OPTIONS else owner
+
+
+def _read(page):
+    if not page.is_file():
+        return {}
+    module = page.stem
+    lines = [line.strip("| \n").split(" | ") for line in page.read_text(encoding="utf-8").splitlines() if "| `" in line]
+    return {f"{module}.{name.strip('`')}": cells for name, *cells in lines}
+
+
+def _text(value):
+    return ", ".join(map(_text, value)) if isinstance(value, (tuple, list)) else f"{value:.4g}"
+
+
+def _cell(row):
+    if row is None:
+        return "-"
+    other, mean, worst, seconds = row
+    return f"{_text(other)}: {mean:+.3f} ({worst:+.2f}), {seconds:.2f}"
+
+
+@click.command()
+@click.argument("names", nargs=-1)
+@click.option("--list", "listed", is_flag=True, help="Print all tuned numbers and how many there are.")
+@click.option("--jobs", default=2, show_default=True, help="Processes.")
+@click.option("--log", type=click.Path(path_type=Path), default=Path("runs/calibration.jsonl"), show_default=True)
+def main(names, listed, jobs, log):
+    """Sweep the numbers NAMES (modules or single ones) and renew their tables in docs/calibration."""
+    values = tuned_numbers()
+    if listed:
+        for name, value in values.items():
+            click.echo(f"{name:60s} {_text(value)}")
+        click.echo(f"{len(values)} tuned numbers")
+        return
+    chosen = [name for name in values if not names or any(name == n or name.startswith(n + ".") for n in names)]
+    log.parent.mkdir(parents=True, exist_ok=True)
+    write(chosen, values, sweep(chosen, values, jobs, log))
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,77 @@
+"""The commands ``pnp-sci info``, ``priors`` and ``recommend``: what is in a file, installed, or advised."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+from typing import Any
+
+import click
+
+from pnp_sci.cli.inputs import FILE
+
+
+@click.command()
+@click.argument("file", type=FILE)
+@click.option("--views", type=click.IntRange(min=1), help="How many views share the planes of the masks.")
+def info(file: Path, views: int | None) -> None:
+    """Say what is in FILE.
+
+    Its arrays, how well its masks code the frames, and how its result was obtained.
+    """
+    from pnp_sci import io
+    from pnp_sci.masks import condition
+
+    entries = io.describe(file)
+    if {"x", "history"} <= {entry.key for entry in entries}:
+        from pnp_sci.results.result import Result
+
+        result = Result.load(file)
+        click.echo(f"{result!r}\n{json.dumps(result.settings, indent=2)}")
+        return
+    for entry in entries:
+        click.echo(f"{entry.key:12s} {' x '.join(map(str, entry.shape)):22s} {entry.dtype:8s} {entry.meaning}")
+    for entry in entries:
+        if entry.meaning.startswith("masks"):
+            click.echo(f"\n{condition(io.read_masks(file, views, entry.key))}")
+
+
+@click.command()
+def priors() -> None:
+    """List the priors and decoders that are installed."""
+    from pnp_sci.plugins import registry
+
+    for kind, title in {"priors": "Priors", "decoders": "Decoders, also for --init"}.items():
+        plugins = registry.available(kind)
+        if plugins:
+            click.echo(f"{title}:")
+        for name, plugin in plugins.items():
+            click.echo(f"  {name:12s} {_summary(plugin)}")
+
+
+@click.command()
+@click.argument("seconds", type=click.FloatRange(min=0, min_open=True))
+@click.option("--like", default="dualview", show_default=True, help="dualview, singleview, a scene, or VxBxHxW.")
+@click.option("--results", type=FILE, help="File written by `pnp-sci bench`.  [default: what comes with the package]")
+def recommend(seconds: float, like: str, results: Path | None) -> None:
+    """Name the best method that takes so many SECONDS here.
+
+    The seconds are those of one measurement on this machine.
+    """
+    from pnp_sci.advice.recommend import recommend as choose
+
+    sides = like.split("x")
+    size = tuple(map(int, sides)) if len(sides) == 4 and all(side.isdigit() for side in sides) else like
+    advice = choose(seconds, size, results)
+    click.echo(f"{advice.python}\n{advice.psnr:.2f} dB on {', '.join(advice.cases)}; {advice.seconds:.2g} s here")
+
+
+def _summary(plugin: Any) -> str:
+    """The first line of a plugin's docstring, or why it cannot be loaded."""
+    from importlib.metadata import EntryPoint
+
+    try:
+        loaded = plugin.load() if isinstance(plugin, EntryPoint) else plugin
+    except ImportError as error:
+        return f"(cannot be loaded: {error})"
+    return (loaded.__doc__ or "").strip().partition("\n")[0]

@@ -1,0 +1,90 @@
+"""The command ``pnp-sci simulate``."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import click
+
+from pnp_sci.cli.inputs import FILE, Output
+from pnp_sci.cli.outputs import ARRAYS
+from pnp_sci.errors import InputError
+
+if TYPE_CHECKING:
+    import numpy as np
+
+BRIGHTEST = 2.0  # of a video of floats: interpolation may leave [0, 1], grey levels up to 255 are another scale
+
+
+@click.command()
+@click.argument("videos", nargs=-1, required=True, type=FILE)
+@click.option("--masks", default="moving", show_default=True, help="moving, random, or a file.")
+@click.option("--views", type=click.IntRange(min=1), help="How many views share the planes of a single video file.")
+@click.option("--frames", type=click.IntRange(min=1), help="The first so many of each view.  [default: all]")
+@click.option(
+    "--noise", default=0.0, type=click.FloatRange(min=0), show_default=True, help="Relative to the peak of y."
+)
+@click.option("--bits", type=click.IntRange(1, 32), help="Grey levels of the camera.")
+@click.option("--seed", default=0, show_default=True, help="Of the masks and the noise.")
+@click.option("--out", type=Output(*ARRAYS), default=Path("meas.npz"), show_default=True, help=".npz, .h5 or .mat")
+def simulate(
+    videos: tuple[Path, ...],
+    masks: str,
+    views: int | None,
+    frames: int | None,
+    noise: float,
+    bits: int | None,
+    seed: int,
+    out: Path,
+) -> None:
+    """Measure VIDEOS, a file for each view or one for all.
+
+    Writes the measurement y, the masks and the true video x.
+    """
+    from pnp_sci import io
+    from pnp_sci.masks import moving_masks, random_masks
+    from pnp_sci.sensing.simulate import simulate as measure
+
+    x = _views(videos, views, frames)
+    makers = {"moving": moving_masks, "random": random_masks}
+    phi = makers[masks](x.shape, seed=seed) if masks in makers else io.read_masks(masks, len(x))
+    y = measure(x, phi, noise, seed, bits)
+    io.write(out, {"y": y, "masks": phi, "x": x})
+    click.echo(f"{len(x)} views x {x.shape[1]} frames of {x.shape[2]} x {x.shape[3]} in one measurement")
+    click.echo(f"Written: {out}")
+
+
+def _views(files: tuple[Path, ...], views: int | None, frames: int | None) -> np.ndarray:
+    """The videos of all views, (V, B, H, W), in [0, 1] if they are of whole numbers."""
+    import numpy as np
+
+    from pnp_sci import io
+
+    if len(files) == 1:
+        x = io.read_video(files[0], views)
+        if x.ndim == 5:
+            raise InputError(f"{files[0]} holds the videos of {len(x)} measurements: those of one were expected")
+        if frames is not None and frames > x.shape[1]:
+            raise InputError(f"frames is {frames}, but {files[0]} has {x.shape[1]}")
+        return _unit_range(x[:, :frames])
+    films = [io.read_video(file, 1)[0] for file in files]
+    count = frames or min(map(len, films))
+    for file, film in zip(files, films):
+        if len(film) < count or film.shape[1:] != films[0].shape[1:]:
+            raise InputError(
+                f"{file} has {len(film)} frames of {film.shape[1]} x {film.shape[2]}: {count} of "
+                f"{films[0].shape[1]} x {films[0].shape[2]} were expected, as the first video has them"
+            )
+    return _unit_range(np.stack([film[:count] for film in films]))
+
+
+def _unit_range(video: np.ndarray) -> np.ndarray:
+    """Grey levels as float32 in [0, 1]; floats stay."""
+    from pnp_sci._validate import white
+
+    if video.dtype.kind != "f":
+        return (video / white("video", video.dtype)).astype("float32")
+    if video.size and video.max() > BRIGHTEST:
+        raise InputError(f"video has values up to {video.max():g}: floats in [0, 1] were expected, 1 being white")
+    return video

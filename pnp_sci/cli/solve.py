@@ -1,0 +1,104 @@
+"""The command ``pnp-sci solve``."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+from typing import Any
+
+import click
+
+from pnp_sci.cli.inputs import FILE, Output, camera, camera_options, interactive, masks_for, one_of, true_video
+from pnp_sci.cli.outputs import SAVED, SHOWN, print_scores
+
+
+@click.command()
+@click.argument("measurement", type=FILE)
+@click.option("--masks", "masks_file", type=FILE, help="File with the masks.  [default: the measurement's]")
+@click.option("--views", type=click.IntRange(min=1), help="How many views share the planes of the masks.")
+@click.option("--key", help="Name of the measurement in its file, where it cannot be told.")
+@click.option("--masks-key", help="Name of the masks in their file, where it cannot be told.")
+@click.option("--index", type=click.IntRange(min=0), help="Of several measurements, this one (from 0).")
+@click.option("--prior", default="tv", show_default=True, help="One of `pnp-sci priors`, a+b, or stages a:60,b:20.")
+@click.option("--algorithm", default="gap", show_default=True, help="gap, plain-gap or admm.")
+@click.option("--init", default="auto", show_default=True, help="First estimate; auto: a network's for learned priors.")
+@click.option("--effort", default="balanced", show_default=True, help="fast, balanced or best.")
+@click.option("--iterations", type=click.IntRange(min=1), help="At most so many.")
+@camera_options
+@click.option("--time-budget", type=click.FloatRange(min=0, min_open=True), help="Seconds to stop after.")
+@click.option("--device", help="For priors that are networks, such as cuda.")
+@click.option("--threads", type=click.IntRange(min=1), help="At most so many.  [default: one a core]")
+@click.option("--seed", default=0, show_default=True)
+@click.option("--option", "options", multiple=True, metavar="KEY=VALUE", help="Option of the prior; may be repeated.")
+@click.option("--reference", type=FILE, help="File with the true video, to score the result.")
+@click.option(
+    "--out", type=Output(*SAVED), default=Path("result.npz"), show_default=True, help="Result: .npz, .h5, .hdf5."
+)
+@click.option("--video", type=Output(*SHOWN), help="For looking at: .mp4, .avi, .gif, .tif or .png.")
+def solve(
+    measurement: Path,
+    masks_file: Path | None,
+    views: int | None,
+    key: str | None,
+    masks_key: str | None,
+    index: int | None,
+    prior: str,
+    noise: str,
+    gain: float | None,
+    full_scale: float | None,
+    bits: int | None,
+    options: tuple[str, ...],
+    reference: Path | None,
+    out: Path,
+    video: Path | None,
+    **settings: Any,
+) -> None:
+    """Recover the video of each view from MEASUREMENT.
+
+    The file may hold one measurement or several.
+    """
+    prior_options, stages = _pairs(options), _prior(prior)
+    sensor = camera(noise, gain, full_scale, bits)
+    from pnp_sci import api, io
+
+    masks = masks_for(measurement, masks_file, views, masks_key)
+    y = io.read_measurement(measurement, key)
+    truth = None if reference is None else true_video(reference, masks.shape, y.ndim == 3)
+    if index is not None:
+        y, truth = one_of(y, truth, index)
+    result = api.solve(
+        y, masks, stages, noise=sensor, reference=truth, progress=interactive(), **settings, **prior_options
+    )
+    result.save(out)
+    written = [out]
+    if video is not None:
+        result.export(video)
+        written.append(video)
+    click.echo(repr(result))
+    print_scores(result.x, truth)
+    click.echo(f"Written: {', '.join(map(str, written))}")
+    result.raise_for_status()
+
+
+def _pairs(options: tuple[str, ...]) -> dict[str, Any]:
+    """``("inner=5", "mode=iso")`` -> ``{"inner": 5, "mode": "iso"}``."""
+    pairs = {}
+    for option in options:
+        key, separator, value = option.partition("=")
+        if not separator or not key.isidentifier():
+            raise click.BadParameter(f"{option!r} came, KEY=VALUE was expected", param_hint="--option")
+        try:
+            pairs[key] = json.loads(value)
+        except json.JSONDecodeError:
+            pairs[key] = value
+    return pairs
+
+
+def _prior(text: str) -> str | list[tuple[str, int]]:
+    """``"tv:60,wavelet:20"`` -> stages; anything else is a name."""
+    if ":" not in text:
+        return text
+    stages = [stage.partition(":")[::2] for stage in text.split(",")]
+    if not all(name and count.isdigit() for name, count in stages):
+        raise click.BadParameter(f"{text!r} came, NAME:ITERATIONS,... was expected", param_hint="--prior")
+    return [(name, int(count)) for name, count in stages]

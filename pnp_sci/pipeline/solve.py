@@ -1,0 +1,73 @@
+"""All measurements, one after the other, and the result that they make."""
+
+from __future__ import annotations
+
+import logging
+import time
+from typing import Any
+
+import numpy as np
+
+from pnp_sci.accel.threads import limited
+from pnp_sci.masks import views_are_separable
+from pnp_sci.pipeline.measurement import Outcome, package_settings, reconstruct, untouched
+from pnp_sci.pipeline.progress import watching
+from pnp_sci.pipeline.provenance import provenance
+from pnp_sci.pipeline.reference import Reference
+from pnp_sci.pipeline.request import check_request
+from pnp_sci.results.history import History, Status
+from pnp_sci.results.result import Result
+from pnp_sci.sensing.operator import SensingOperator
+from pnp_sci.sensing.problem import check_measurement, check_operator, pose
+from pnp_sci.sensing.sensor import warn_if_saturated
+
+_log = logging.getLogger("pnp_sci")
+
+
+def solve_all(y: Any, masks: Any, reference: Any, options: dict[str, Any]) -> Result:
+    """What :func:`pnp_sci.solve` does; `options` are all its other arguments."""
+    began = time.perf_counter()
+    measurements = check_measurement(y)
+    op, largest = check_operator(masks, measurements)
+    request = check_request(op, len(measurements), **options)
+    truth = Reference(reference, (len(measurements), *op.shape)) if reference is not None else None
+    _warn_of_lost_views(op)
+    warn_if_saturated(options["noise"], measurements)
+
+    videos = np.empty((len(measurements), *op.shape), op.dtype)
+    outcomes: list[Outcome] = []
+    with limited(request.threads), watching(options["callback"], options["progress"]) as watch:
+        for n, measurement in enumerate(measurements):
+            deadline = _share_of_time(began, request.time_budget, len(measurements) - n)
+            problem = pose(op, largest, measurement, request.sensor)
+            outcomes.append(
+                untouched(problem, videos[n], n)
+                if watch.stopped
+                else reconstruct(problem, request, videos[n], deadline=deadline, watch=watch, truth=truth, n=n)
+            )
+    began += truth.seconds if truth else 0.0  # the metrics are not the solver's time
+    problems = [outcome.problem for outcome in outcomes]
+    return Result(
+        videos if np.ndim(y) == 3 else videos[0],
+        Status.worst([outcome.status for outcome in outcomes]),
+        History(record for outcome in outcomes for record in outcome.records),
+        package_settings(request, outcomes) | provenance(y, masks, largest, problems, began),
+        [outcome.scene for outcome in outcomes],
+    )
+
+
+def _share_of_time(began: float, budget: float | None, left: int) -> float | None:
+    """The moment by which the next of so many measurements that are left must be done."""
+    now = time.perf_counter()
+    return None if budget is None else now + (began + budget - now) / left
+
+
+def _warn_of_lost_views(op: SensingOperator) -> None:
+    """Log what the masks make impossible; the solver goes on all the same."""
+    if not op.masks.any():
+        _log.warning("masks are all 0: nothing is measured, and the first estimate is as good as any")
+    elif not views_are_separable(op.masks):
+        _log.warning(
+            "masks of the views are too much alike, or those of one are all 0: the views cannot be told apart; "
+            "see pnp_sci.condition(masks)"
+        )

@@ -1,0 +1,69 @@
+"""Arguments that cannot be used: the error names them, what came and what was expected."""
+
+import numpy as np
+import pytest
+
+from pnp_sci import datasets, solve
+from pnp_sci.errors import InputError, InputTypeError, UnknownPluginError
+
+
+@pytest.fixture(scope="module")
+def scene():
+    return datasets.embedded_scene(64)
+
+
+@pytest.mark.parametrize(
+    ("change", "message"),
+    [
+        ({"y": np.ones((63, 64))}, "masks has 2 x 10 frames of 64 x 64, but y is 63 x 64"),
+        ({"y": np.ones(5)}, "y has shape"),
+        ({"y": np.array([["a"]])}, "y has dtype"),
+        ({"masks": np.ones((2, 2))}, "masks has shape"),
+        ({"prior": "no such"}, "prior is 'no such'.*auto, none.*tv.*wavelet"),
+        ({"prior": 3}, "prior is 3"),
+        ({"algorithm": "no such"}, "algorithm is 'no such'.*gap.*admm"),
+        ({"noise": -1}, "noise is -1"),
+        ({"noise": "loud"}, "noise is 'loud'"),
+        ({"iterations": 0}, "iterations is 0"),
+        ({"tol": -1}, "tol is -1"),
+        ({"tol": float("nan")}, "tol is nan"),
+        ({"no_option": 3}, "takes no option no_option"),
+        ({"strength": -1.0}, "strength is -1"),
+        ({"reference": np.ones(3)}, "reference has shape"),
+        ({"reference": np.ones((10, 2, 64, 64))}, r"reference has shape \(10, 2, 64, 64\)"),
+        ({"reference": np.ones((2, 10, 64, 64), int)}, "reference has dtype int64: floats in .*uint8 or uint16"),
+        ({"prior": "auto+tv"}, "'auto' stands alone"),
+        ({"prior": [("tv", 1), ("auto", 1)]}, "'auto' stands alone"),
+        ({"y": [[1], [1, 2]]}, "y is no array of numbers"),
+        ({"masks": [[1], [1, 2]]}, "masks is no array of numbers"),
+        ({"reference": "text"}, "reference has dtype"),
+        ({"prior": dict}, "prior is <class 'dict'>"),
+        ({"prior": lambda x, sigma: None}, "what the prior returns has dtype object"),
+        ({"prior": lambda x, sigma: x[0]}, "what the prior returns has shape"),
+        ({"strength": "much"}, "prior 'tv' cannot be made with {'strength': 'much'}"),
+        ({"algorithm": ["gap"]}, r"algorithm is \['gap'\]"),
+        ({"scene": np.ones(3)}, "scene is array"),
+        ({"sigma": 10**400}, "sigma is 1000"),
+        ({"noise": np.complex64(1)}, "noise is"),
+        ({"tol": None}, "tol is None"),
+        ({"seed": -1}, "seed is -1"),
+        ({"callback": 3}, "callback is 3"),
+        ({"progress": np.ones(3)}, "progress is"),
+        ({"device": 3}, "device is 3"),
+    ],
+)
+def test_errors_name_the_argument(scene, change, message):
+    arguments = {"y": scene.y, "masks": scene.masks, **change}
+    with pytest.raises((InputError, InputTypeError, UnknownPluginError), match=message):
+        solve(**arguments)
+
+
+def test_non_finite_input_is_counted(scene):
+    y = scene.y.copy()
+    y[3, 4] = y[5, 6] = np.nan
+    with pytest.raises(InputError, match=r"y has 2 values .* first at index \(3, 4\)"):
+        solve(y, scene.masks)
+    masks = scene.masks.astype(np.float32)
+    masks[1, 2, 3, 4] = np.inf
+    with pytest.raises(InputError, match=r"masks has 1 values .* \(1, 2, 3, 4\)"):
+        solve(scene.y, masks)

@@ -1,0 +1,115 @@
+"""The first estimate: by name, as a video, or from a decoder."""
+
+import numpy as np
+import pytest
+
+import pnp_sci
+from pnp_sci import SceneModel, datasets, solve
+from pnp_sci.errors import FormatError, InputError, InputTypeError, UnknownPluginError
+from pnp_sci.plugins import registry
+
+
+@pytest.fixture(scope="module")
+def scene():
+    return datasets.embedded_scene(64)
+
+
+def relative(a, b):
+    return np.linalg.norm(np.asarray(a, float) - np.asarray(b, float)) / np.linalg.norm(np.asarray(b, float))
+
+
+def test_init_and_reference_in_users_units(scene):
+    y, counts = 255 * scene.y, np.round(255 * scene.truth).astype(np.uint8)
+    result = solve(y, scene.masks, "none", 255 * scene.truth, iterations=1)
+    assert relative(result.x, 255 * scene.truth) < 1e-5
+    result = solve(y, scene.masks, "none", counts, iterations=1, reference=counts)
+    assert result.history["psnr"][0] > 50
+
+
+def test_a_first_estimate_of_another_scale_is_named(scene):
+    levels = np.round(255 * scene.truth).astype(np.uint8)
+    with pytest.raises(InputError, match=r"init leaves 2\d\d times y as residual: .* units of y"):
+        solve(scene.y, scene.masks, init=levels)
+    assert solve(255 * scene.y, scene.masks, init=levels, iterations=5).status.ok
+
+
+def grey(problem, scene):
+    return np.full(problem.op.shape, 0.5, problem.op.dtype)
+
+
+def test_a_decoder_may_begin_by_name_as_a_function_or_as_an_object(scene, monkeypatch):
+    """All the same first estimate; without noise all the same result."""
+    monkeypatch.setitem(registry._registered["decoders"], "grey", lambda: grey)
+    inits = "grey", grey, pnp_sci.as_decoder("grey")
+    results = [solve(scene.y, scene.masks, init=init, iterations=4, noise=0.0) for init in inits]
+    assert all(np.array_equal(result.x, results[0].x) for result in results)
+    assert results[0].settings["init"] == "grey"
+    assert not np.array_equal(results[0].x, solve(scene.y, scene.masks, iterations=4, noise=0.0).x)
+
+
+def test_a_function_sees_the_problem_and_the_scene(scene):
+    """In the problem's units, and with what is modelled of the scene."""
+    model, seen = SceneModel((True, False)), []
+
+    def spy(problem, chosen):
+        seen.append((problem, chosen))
+        return grey(problem, chosen)
+
+    result = solve(1000 * scene.y, scene.masks, init=spy, scene=model, iterations=1, noise=7.0)
+    ((problem, chosen),) = seen
+    assert chosen is model
+    assert problem.op.shape == scene.masks.shape
+    assert problem.unit == pytest.approx(result.settings["unit"][0])
+    assert relative(problem.y * problem.unit, 1000 * scene.y) < 1e-6
+    assert problem.typical_noise * problem.unit == pytest.approx(7.0)
+    assert 0.5 < np.quantile(problem.y / scene.masks.sum((0, 1)).clip(1), 0.99) < 1.5
+
+
+@pytest.mark.parametrize("init", ["adjoint", "grey"])
+def test_settings_name_the_first_estimate(scene, init, monkeypatch):
+    monkeypatch.setitem(registry._registered["decoders"], "grey", lambda: grey)
+    assert solve(scene.y, scene.masks, init=init, iterations=1).settings["init"] == init
+    assert solve(scene.y, scene.masks, init="auto", iterations=1).settings["init"] == "adjoint"
+
+
+def test_damaged_weights_are_told_and_not_passed_over(scene, monkeypatch):
+    """With "auto", a decoder that has no weights for such masks is left out; one that cannot be read is an error."""
+
+    def damaged():
+        def decode(problem, scene):
+            raise FormatError("weights cannot be read")
+
+        return decode
+
+    def unfit():
+        def decode(problem, scene):
+            raise InputError("no weights for such masks")
+
+        return decode
+
+    from made_priors import Made
+
+    network = Made(known=pnp_sci.Traits(network=True))
+    monkeypatch.setitem(registry._registered["decoders"], "ofanet-fast", unfit)
+    assert solve(scene.y, scene.masks, network, iterations=1).settings["init"] == "adjoint"
+    monkeypatch.setitem(registry._registered["decoders"], "ofanet-fast", damaged)
+    with pytest.raises(FormatError, match="cannot be read"):
+        solve(scene.y, scene.masks, network, iterations=1)
+
+
+@pytest.mark.parametrize(
+    ("init", "message"),
+    [
+        ("no such", "init is 'no such'.*auto, adjoint.*ofanet"),
+        (np.ones((1, 2)), r"init has shape \(1, 2\)"),
+        ([[1], [1, 2]], "init is no array of numbers"),
+        (dict, "init is <class 'dict'>"),
+        (lambda y: y, "init is <function"),
+        (lambda problem, scene: problem.y, "init has shape"),
+        (lambda problem, scene: None, "init has dtype object"),
+        (lambda problem, scene: np.full(problem.op.shape, np.nan), "init has .* NaN"),
+    ],
+)
+def test_what_cannot_begin_is_named(scene, init, message):
+    with pytest.raises((InputError, InputTypeError, UnknownPluginError), match=message):
+        solve(scene.y, scene.masks, init=init, iterations=1)

@@ -1,0 +1,97 @@
+"""How strongly to denoise and how far to trust the data, from the noise and the masks."""
+
+import numpy as np
+import pytest
+
+import pnp_sci
+from pnp_sci import SensingOperator
+from pnp_sci.solvers.schedule import contrast, schedule_for
+from priors.tv import TV
+
+
+def planes_of(views, frames):
+    return SensingOperator(pnp_sci.random_masks((views, frames, 24, 24), seed=1))
+
+
+def test_the_contrast_of_masks():
+    """Half of 20 open is what the tolerance was made for; dense masks, and more of them, code less of y."""
+    half, dense, many = (
+        contrast(SensingOperator(pnp_sci.random_masks(shape, density)))
+        for shape, density in (((2, 10, 32, 32), 0.5), ((2, 10, 32, 32), 0.95), ((2, 60, 32, 32), 0.5))
+    )
+    assert half > 0.95
+    assert dense == pytest.approx(np.sqrt(0.05 / 0.95 / 20) / 0.22, rel=0.1)
+    assert many == pytest.approx(np.sqrt(1 / 120) / 0.22, rel=0.1)
+    for edge in (np.ones((2, 3, 4, 4)), np.zeros((2, 3, 4, 4)), np.ones((1, 1, 4, 4)), np.array([[[[1.0]], [[-1.0]]]])):
+        assert contrast(SensingOperator(edge)) == 1
+
+
+def test_noise_counts_the_more_the_fewer_frames_there_are():
+    """In units of the variance, at the same noise in a pixel of x; faint noise counts the same with any number."""
+
+    def product(op, in_x):
+        noise = in_x * np.sqrt(np.mean(op.gram))
+        return schedule_for(op, noise).product / noise**2 * (1 + in_x)
+
+    loud = [product(planes_of(views, frames), 0.2) for views, frames in ((1, 1), (2, 1), (1, 8), (2, 6), (2, 10))]
+    assert loud == sorted(loud, reverse=True)
+    assert loud[0] > 5 * loud[-1]
+    faint = [product(planes_of(views, frames), 1e-4) for views, frames in ((1, 1), (1, 8), (2, 10))]
+    np.testing.assert_allclose([*faint, loud[-1]], faint[0], rtol=1e-3)
+
+
+def test_sigma_goes_by_the_number_of_frames_where_there_is_no_noise():
+    sizes = (2, 3), (1, 8), (2, 6), (2, 10), (2, 14)
+    quiet = [schedule_for(planes_of(*size), 0) for size in sizes]
+    assert all(schedule.first == schedule.last for schedule in quiet)
+    firsts = [schedule.first for schedule in quiet]
+    assert firsts == sorted(firsts)
+    assert 1 < firsts[-1] / firsts[0] < 1.5
+
+
+@pytest.mark.parametrize("size", [(1, 8), (2, 20)])
+def test_noise_raises_sigma_at_first_the_more(size):
+    op = planes_of(*size)
+    quiet, loud = schedule_for(op, 0), schedule_for(op, 2.0)
+    assert quiet.first < loud.last < loud.first
+    sigmas = [loud.at(iteration)[0] for iteration in range(100)]
+    assert sigmas == sorted(sigmas, reverse=True)
+    assert (sigmas[0], sigmas[-1]) == (loud.first, pytest.approx(loud.last))
+    assert all(sigma * rho == pytest.approx(loud.product) for sigma, rho in map(loud.at, range(100)))
+
+
+def test_a_given_sigma_stays_as_it_is():
+    schedule = schedule_for(planes_of(1, 8), 0.3, sigma=0.1)
+    assert {schedule.at(iteration)[0] for iteration in (0, 1, 50)} == {0.1}
+    assert schedule.product == schedule_for(planes_of(1, 8), 0.3).product
+
+
+def test_without_noise_tv_takes_changes_along_time_for_motion():
+    """Its weights along time come to follow the scene, and no longer are one for all pixels."""
+    scene = pnp_sci.datasets.embedded_scene(64)
+    sigma = schedule_for(planes_of(2, 20), 0).first
+    session = TV().begin(scene.truth.shape, scene.truth.dtype)
+    for _ in range(45):
+        session(scene.truth, sigma)
+    assert np.ptp(session.weights) > 0
+
+
+def test_noise_takes_calls_away_and_no_noise_none():
+    op = planes_of(2, 20)
+    calls = [schedule_for(op, noise).enough(50) for noise in (0, 1e-9, 0.5, 2.0)]
+    assert calls[:2] == [50, 50]
+    assert calls == sorted(calls, reverse=True)
+    assert 0 < calls[-1] < 50
+
+
+def test_a_sigma_of_zero_beside_noise_is_no_error():
+    schedule = schedule_for(planes_of(2, 10), 0.3, sigma=0.0)
+    assert schedule.at(3) == (0.0, 0.0)
+    assert schedule.enough(50) == 50
+
+
+def test_noise_of_each_pixel_makes_its_own_product():
+    op = planes_of(1, 8)
+    noise = np.array([[0.0, 0.1], [0.3, 0.5]]).repeat(12, 0).repeat(12, 1)
+    alone = [schedule_for(op, float(n)).product for n in noise.flat]
+    np.testing.assert_allclose(schedule_for(op, noise).product, np.reshape(alone, noise.shape))

@@ -1,0 +1,88 @@
+"""When a run ends: by a failure, a plateau, a number of iterations or a moment in time."""
+
+import time
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+from made_priors import Made
+
+from pnp_sci import SensingOperator, Status
+from pnp_sci.solvers.plan import make_plan
+from pnp_sci.solvers.state import State
+from pnp_sci.solvers.stopping import Guard, Stopping, relative_residual
+
+Y = np.ones((2, 2))
+
+
+def state(residual, iteration=1):
+    picture = np.full((2, 2), float(residual))
+    return State(iteration, np.zeros((1, 1, 2, 2)), picture, np.zeros((2, 2)))
+
+
+def plan(**options):
+    made = make_plan(SensingOperator(np.ones((1, 1, 2, 2))), 0.0, Made())
+    return replace(made, **({"iterations": 1000, "tol": 1e-3, "least": 0, "deadline": None} | options))
+
+
+def reasons(made, residuals, lasted=0.0, finishes=False):
+    stopping = Stopping(made, float(np.linalg.norm(Y)))
+    return [stopping.reason(state(r, n), lasted, finishes) for n, r in enumerate(residuals)]
+
+
+@given(st.lists(st.floats(0, 5), min_size=1, max_size=9))
+def test_the_guard_keeps_the_estimate_with_the_smallest_residual(residuals):
+    guard = Guard(1.0)
+    for n, residual in enumerate(residuals):
+        guard.keep(state(residual, n), residual)
+    assert guard.best is not None
+    assert guard.best.residual.max() == min(residuals)
+
+
+@pytest.mark.parametrize("value", [np.nan, np.inf, -np.inf])
+def test_the_guard_sees_what_is_not_finite(value):
+    assert Guard(1.0).failure(state(value), np.nan) is Status.NOT_FINITE
+
+
+def test_the_guard_sees_a_residual_beyond_all_use():
+    guard = Guard(1.0)
+    assert guard.failure(state(1), 1.0) is None, "as much as an estimate of nothing leaves"
+    assert guard.failure(state(1000), 1000.0) is Status.DIVERGED
+
+
+@given(st.integers(0, 9))
+def test_several_small_changes_in_a_row_are_a_plateau(large):
+    """One large change among them begins the count anew; so do changes before the last prior serves."""
+    quiet = reasons(plan(), [0.5] * 30).index(Status.CONVERGED)
+    assert 1 < quiet < 10
+    residuals = [1.0] * (large + 1) + [0.5] * 30
+    if large + 1 <= quiet:
+        assert reasons(plan(), residuals).index(Status.CONVERGED) == large + 1 + quiet
+    assert reasons(plan(least=large), [0.5] * 30).index(Status.CONVERGED) == large + quiet
+
+
+def test_a_change_of_the_tolerance_is_none():
+    steps = np.arange(30)
+    assert Status.CONVERGED in reasons(plan(tol=1e-3), 1 - 0.9e-3 * steps)
+    assert Status.CONVERGED not in reasons(plan(tol=1e-3), 1 - 1.1e-3 * steps)
+    assert Status.CONVERGED not in reasons(plan(tol=0), [0.5] * 30)
+
+
+def test_the_number_of_iterations_is_the_largest():
+    assert reasons(plan(iterations=3), [1, 0.9, 0.8, 0.7]) == [None, None, None, Status.ITERATIONS]
+
+
+@pytest.mark.parametrize(("left", "finishes", "stops"), [(2.5, False, False), (0.5, False, True), (1.5, True, True)])
+def test_time_for_one_more_iteration_and_for_finishing_must_be_left(left, finishes, stops):
+    made = plan(deadline=time.perf_counter() + left)
+    found = reasons(made, [1, 0.9, 0.8], lasted=1.0, finishes=finishes)
+    assert (found[2] is Status.TIME_BUDGET) == stops
+
+
+def test_saturated_pixels_count_as_far_as_the_estimate_falls_short():
+    one = replace(state(0), residual=np.array([[-3.0, 3.0], [0.0, 4.0]]))
+    saturated = np.array([[True, True], [False, False]])
+    assert relative_residual(one, 2.0, None) == pytest.approx(np.sqrt(34) / 2)
+    assert relative_residual(one, 2.0, saturated) == pytest.approx(2.5)
