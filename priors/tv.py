@@ -10,6 +10,7 @@ from typing import Any, Literal
 import numpy as np
 
 from pnp_sci._tuned import Tuned
+from pnp_sci._validate import whole
 from pnp_sci.errors import InputError
 from pnp_sci.plugins.protocols import Prior, Session
 
@@ -22,22 +23,16 @@ ONE = {np.int16: 2**15 - 1, np.int32: 2**30}  # what stands for 1 in the dual va
 
 @dataclass(frozen=True)
 class TVNumbers(Tuned):
-    """Dual steps of a call, weights along time, and which pixels stand still; sigma where x spans [0, 1]."""
+    """Weights along time, and which pixels stand still; sigma where x spans [0, 1]."""
 
-    steps_per_weight: int = 20  # dual steps of a call, per unit of weight
-    most_steps: int = 4  # dual steps of a call at most
     settle: int = 40  # calls after which the estimate shows what moves
     trusted: float = 0.06  # largest sigma at which changes along time count as motion
     around: int = 15  # pixels a side of the two box filters over space and change
-    time_before: float = 0.1  # weight along time until the estimate has settled
-    time_noisy: float = 0.15  # ... and after that where sigma is above `trusted`
-    loud: float = 0.25  # sigma above which nothing is taken from the estimate
+    time_before: float = 0.15  # weight along time before that, and with a larger sigma
     time: float = 0.4  # weight along time where gradients in space and changes along time are alike
     power: int = 3  # power of their ratio
-    time_least: float = 0.005  # smallest weight along time
     time_most: float = 0.7  # largest weight along time
     rest: float = 0.02  # standard deviation along time at which a pixel counts 1/e as still, per weight and frame
-    rest_frames: int = 20  # frames of all views beyond which that grows no more
     rest_most: float = 0.03  # its largest value
     look: int = 20  # calls between two looks at what stands still
 
@@ -56,21 +51,17 @@ class TV(Prior):
     ----------
     strength : float
         Weight per unit of noise, > 0.
-    inner : int or "auto"
-        Dual steps per call, >= 1. A single call on a video (outside a solver) wants some hundred. "auto" takes one for
-        weights ``w`` up to 0.07, and up to four with more.
+    inner : int
+        Dual steps per call, >= 1. A single call on a video (outside a solver) needs some hundred.
     time : float or "auto"
         Weight of differences along time against those along rows and columns, >= 0. 0 denoises each frame on its own.
-        "auto" begins with 0.1 and after 40 calls gives every pixel of each view its own weight, by how much more the
-        estimate changes in space than along time around it: large where nothing moves, near 0 where much does. With
-        a sigma above 0.06 changes along time are mostly noise: it becomes 0.15, and stays at 0.1 above 0.25.
+        "auto" begins with 0.15. After 40 calls, if sigma is 0.06 at most, every pixel of each view gets its own weight:
+        large where the estimate changes little along time, beside its gradients in space; near 0 where it moves.
     isotropic : bool
         Penalise the length of the gradient (True) or the sum of its absolute parts (False).
     still : bool
-        With ``time="auto"`` and a sigma up to 0.25, from the 40th call on: pixels whose standard deviation along time,
-        looked at in every twentieth call, is below a limit become the mean of all frames, wholly where it is 0. The
-        limit is 0.4 `w` with 20 frames of all views or more, less with fewer, and 0.03 at most; where the mean is below
-        1/2, it is in proportion less.
+        With ``time="auto"``, from the 40th call on: pixels whose standard deviation along time is small become the mean
+        of all frames. The limit grows with `w` and the number of frames, up to 0.03; it is lower for dark pixels.
 
     Raises
     ------
@@ -94,7 +85,7 @@ class TV(Prior):
     """
 
     strength: float = 1.0
-    inner: int | Literal["auto"] = "auto"
+    inner: int = 1
     time: float | Literal["auto"] = "auto"
     isotropic: bool = True
     still: bool = True
@@ -102,8 +93,7 @@ class TV(Prior):
     def __post_init__(self):
         if not 0 < self.strength < np.inf:
             raise InputError(f"strength is {self.strength}: a number > 0 was expected")
-        if self.inner != "auto" and not (isinstance(self.inner, Real) and 1 <= self.inner == int(self.inner)):
-            raise InputError(f'inner is {self.inner!r}: "auto" or a whole number >= 1 was expected')
+        whole("inner", self.inner, 1)
         if self.time != "auto" and not (isinstance(self.time, Real) and 0 <= self.time < np.inf):
             raise InputError(f'time is {self.time!r}: "auto" or a number >= 0 was expected')
 
@@ -140,12 +130,9 @@ class TVSession(Session):
         steepness = 1 + float(self.weights.max(initial=0)) ** 2 / 2  # |gradient|^2 <= 8 times this
         one = self._unit(np.int16 if v.dtype == np.float32 and weight * steepness <= COARSE else np.int32)
         units = (v.dtype.type(a) for a in (weight / one, STEP * one / (8 * steepness * weight), one))
-        steps = self.prior.inner
-        if steps == "auto":
-            steps = min(max(round(TUNED.steps_per_weight * weight), 1), TUNED.most_steps)
-        denoise(out, int(steps), *units, self.prior.isotropic, self.weights, tuple(self.dual))
+        denoise(out, int(self.prior.inner), *units, self.prior.isotropic, self.weights, tuple(self.dual))
         self.calls += 1
-        if self.prior.time == "auto" and v.shape[1] > 1 and sigma <= TUNED.loud:
+        if self.prior.time == "auto" and v.shape[1] > 1:
             self._look(out, sigma, weight)
             for view, still in zip(out, self.still):
                 tie(view, still, view)
@@ -157,13 +144,10 @@ class TVSession(Session):
 
     def _look(self, x: np.ndarray, sigma: float, weight: float) -> None:
         """What the estimate x shows of motion, once it has settled: weights along time, and which pixels are still."""
-        if self.calls == TUNED.settle:
-            if sigma <= TUNED.trusted:
-                self.weights = np.stack([time_weights(view) for view in x])
-            else:
-                self.weights[:] = TUNED.time_noisy
+        if self.calls == TUNED.settle and sigma <= TUNED.trusted:
+            self.weights = np.stack([time_weights(view) for view in x])
         if self.prior.still and self.calls >= TUNED.settle and (self.calls - TUNED.settle) % TUNED.look == 0:
-            rest = float(min(TUNED.rest * min(x.shape[0] * x.shape[1], TUNED.rest_frames) * weight, TUNED.rest_most))
+            rest = float(min(TUNED.rest * x.shape[0] * x.shape[1] * weight, TUNED.rest_most))
             self.still = [at_rest(view, rest) for view in x]
 
     def _unit(self, kind: type[np.int16 | np.int32]) -> int:
@@ -178,7 +162,7 @@ def time_weights(view: np.ndarray) -> np.ndarray:
     """Weight along time for each pixel of a view (B, H, W), from the estimate itself.
 
     ``0.4 * (|gradient in space| / |change along time|)**3``, both averaged over time and over some ten pixels around,
-    within [0.005, 0.7].
+    at most 0.7.
     """
     from scipy.ndimage import uniform_filter
 
@@ -189,7 +173,7 @@ def time_weights(view: np.ndarray) -> np.ndarray:
     for _ in range(2):
         space, change = (uniform_filter(a, TUNED.around, mode="nearest") for a in (space, change))
     ratio = (space + 1e-4) / (change + 1e-4)
-    return np.clip(TUNED.time * ratio**TUNED.power, TUNED.time_least, TUNED.time_most)
+    return np.clip(TUNED.time * ratio**TUNED.power, 0, TUNED.time_most)
 
 
 def at_rest(view: np.ndarray, rest: float) -> np.ndarray:

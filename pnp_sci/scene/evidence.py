@@ -26,43 +26,41 @@ TUNED = TileNumbers()
 
 
 def view_levels(op: SensingOperator, y: np.ndarray) -> np.ndarray:
-    """The mean level of each view (V,): least squares of y on the sums of each view's masks, freed of their means.
+    """The mean level of each view (V,): least squares of y on the sum of each view's masks, local means subtracted.
 
-    The sums differ from pixel to pixel by the random pattern only, which no scene follows, so that the part of y that
-    follows them is the view's own. A constant and both views' common part stay out of it.
+    The sums vary from pixel to pixel by the random pattern only. No scene follows that pattern, so that the part of y
+    that does belongs to the view.
     """
     from scipy.ndimage import gaussian_filter
 
     sums = op.masks.sum(1, dtype=np.float64)
     fine = np.stack([s - gaussian_filter(s, 4, mode="nearest") for s in sums]).reshape(len(sums), -1)
     detail = (y - gaussian_filter(y.astype(np.float64), 4, mode="nearest")).reshape(-1)
-    normal = np.einsum(
-        "vp,wp->vw", fine, fine
-    )  # by einsum: threads of BLAS go on spinning and keep the kernels waiting
-    # below 1e-10 of the largest eigenvalue there is rounding: such views cannot be told apart, and share what there is
+    normal = np.einsum("vp,wp->vw", fine, fine)  # einsum does not start threads, which would disturb the kernels
+    # eigenvalues below 1e-10 of the largest are rounding: such views cannot be told apart, and share the light
     return np.abs(np.linalg.pinv(normal, rcond=1e-10, hermitian=True) @ np.einsum("vp,p->v", fine, detail))
 
 
 def at_most(share: float, simple: np.ndarray, other: np.ndarray) -> bool:
-    """Whether the squared errors of the simple model are such a share of the other's, which are no mere noise."""
+    """Whether the squared errors of the simple model are at most such a share of the other's, beyond the noise."""
     return bool(other.mean() > 0 and simple.mean() <= share * other.mean())
 
 
 def whatever(simple: np.ndarray, other: np.ndarray) -> bool:
-    """Where errors are not compared."""
+    """No condition on the errors."""
     return True
 
 
 def beyond_chance(simple: np.ndarray, other: np.ndarray) -> bool:
-    """Whether the simple model predicts better, beyond chance, where the errors of the other are no mere noise."""
+    """Whether the simple model predicts better by some standard errors, and the other's errors exceed the noise."""
     gain = other - simple
     return bool(other.mean() > 0 and gain.mean() >= SURELY * gain.std() / np.sqrt(gain.size) > 0)
 
 
 def beyond(simple: SceneModel, other: SceneModel, op: SensingOperator, x: np.ndarray) -> np.ndarray:
-    """What each view of y (V, H, W) has from an estimate x of the other model that the simple one cannot show.
+    """The part of y, view by view (V, H, W), that only the other model can explain, from its estimate x.
 
-    Freed of what it would have through masks of their mean everywhere, which errors may follow without any chance.
+    What uniform masks of the same mean would show is subtracted: errors of both models correlate with that.
     """
     video = other.expand(x, op.shape)
     beyond = video - simple.expand(simple.restrict(video), op.shape)
@@ -71,11 +69,10 @@ def beyond(simple: SceneModel, other: SceneModel, op: SensingOperator, x: np.nda
 
 
 def evidence(errors: np.ndarray, shown: np.ndarray, hidden: np.ndarray) -> float:
-    """How much speaks for any of what is `shown` (V, H, W), as part of the errors (H, W) of what is hidden.
+    """The largest coefficient of `shown` (V, H, W) in the errors (H, W) of the hidden pixels, in standard errors.
 
-    In standard errors of least squares, if nothing of it is in the errors, which may be larger in some places than in
-    others (the score test with White's variance). At most the root of the number of pixels that it shows in: what moves
-    in a few of the hidden ones has no voice.
+    Least squares with White's variance (a score test): errors may be larger in some places than in others. The value is
+    at most the root of the number of pixels that show something: motion in few pixels cannot be detected.
     """
     errors, shown = errors[hidden].astype(np.float64), shown[:, hidden].astype(np.float64)
     shown = shown[shown.any(1)]
@@ -87,9 +84,9 @@ def evidence(errors: np.ndarray, shown: np.ndarray, hidden: np.ndarray) -> float
 
 
 def contested_tile(simple: np.ndarray, other: np.ndarray) -> tuple[slice, slice]:
-    """The tile around the window where a model's squared errors (H, W) are largest beside those of another one.
+    """The tile around the window where a model's squared errors (H, W) are largest, relative to those of another one.
 
-    Where they are largest in themselves it is fine texture that they show, which may well stand still.
+    Absolute errors are largest in fine texture, which may well stand still.
     """
     from scipy.ndimage import uniform_filter
 
@@ -105,6 +102,6 @@ def contested_tile(simple: np.ndarray, other: np.ndarray) -> tuple[slice, slice]
 
 
 def _around(middle: int, length: int) -> slice:
-    """TUNED.tile pixels around the middle one, within so many; all of them if there are fewer."""
+    """A tile's pixels around the middle one, within `length`; all of them if there are fewer."""
     start = max(min(middle - TUNED.tile // 2, length - TUNED.tile), 0)
     return slice(start, start + TUNED.tile)

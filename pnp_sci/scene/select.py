@@ -47,7 +47,7 @@ TUNED = SceneNumbers()
 
 
 def patience(op: SensingOperator) -> int:
-    """Iterations of quick estimates: three for each frame of all views, 60 at least. Careful ones begin with half."""
+    """Iterations of a quick estimate: three for each frame of all views, 60 at least."""
     return max(TUNED.least, TUNED.per_frame * op.shape[0] * op.shape[1])
 
 
@@ -57,10 +57,10 @@ def judge(
     """What this measurement requires to be modelled, from the measurement alone.
 
     Simpler models are tried against the full one: without the views whose level is near 0, and with one frame per view.
-    A tenth of the pixels of y is held back, both models are estimated quickly from the rest, and where the simple one
-    is worst off beside the other they are compared with more care: it is taken if it predicts what was held back
-    clearly better there too, or with a `careful` prior not much worse, and if what the full model shows beyond it
-    explains nothing of its errors but by chance.
+    A tenth of the pixels of y is held back, and both models are estimated from the rest. They are compared on the tile
+    where the simple model predicts the held-back pixels worst, relative to the full one. The simple model is taken if
+    it predicts clearly better there, or with a `careful` prior not much worse. Besides, the motion or the view that only
+    the full model shows must not correlate with the errors of the simple one.
 
     Parameters
     ----------
@@ -68,12 +68,11 @@ def judge(
     quick : Prior
         For quick estimates, such as TV.
     careful : Prior, optional
-        A better one, such as flow, for solvers with a strong prior. Its warm-up by the quick one takes half of
-        :func:`patience`. Where masks are sparse, frames many or pictures small, a still model is as good as what TV
-        makes of a moving scene, but not as good as what flow makes of it.
+        A better one, such as flow, for solvers with a strong prior. Its warm-up takes half of :func:`patience`. With
+        sparse masks, many frames or small pictures, TV does not tell a still scene from a moving one, but flow does.
     each_view : bool
-        Whether single views that stand still beside others are looked for, with the careful prior. All models share
-        the errors of what moves there, so that one frame must predict better, and beyond chance.
+        Whether single views that stand still beside moving ones are looked for, with the careful prior. All models
+        share the errors of the moving view: one frame must predict better by two standard errors.
     until : float
         A moment of ``time.perf_counter``: a model that has not shown by then that it is better is not taken.
     """
@@ -119,7 +118,7 @@ class _Comparison:
         self.problem, self.until, self.look = problem, until, look
         self.hidden = np.random.default_rng(0).random(problem.y.shape) < TUNED.held_back
         self.seen = ~self.hidden
-        # which pixels are left to be hidden, but for a few
+        # with few saturated pixels the held-back ones are still a random choice
         self.by_chance = problem.saturated is None or problem.saturated.mean() < TUNED.saturated
         if problem.saturated is not None:
             self.hidden, self.seen = self.hidden & ~problem.saturated, self.seen & ~problem.saturated
@@ -128,10 +127,9 @@ class _Comparison:
     def __call__(
         self, simple: SceneModel, other: SceneModel, prior: Prior, looks: dict[int, IsFine], doubt: float = 0
     ) -> bool:
-        """Whether the simple model predicts well enough, on the tile where it is worst off, at each of the looks.
+        """Whether the simple model predicts well enough, on its worst tile, at each of the looks.
 
-        A look is a number of iterations, and what has to hold after it; and always that nothing speaks for what the
-        other model shows beyond the simple one.
+        A look is a number of iterations and a condition on the squared errors after it.
         """
         op, y = self.problem.op, self.problem.y
         if time.perf_counter() > self.until:

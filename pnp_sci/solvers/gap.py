@@ -40,11 +40,10 @@ def gap_step(
     x <- D_sigma(v)``
 
     With ``rho = 0`` and ``tau = 1`` this is accelerated GAP (Liao, Li & Carin 2014; Yuan 2016, Eq. 9), where q is the
-    accumulated residual and the limit measures y exactly. With ``rho > 0`` the multiplier q leaks, and the residual of
-    the limit is ``rho q / gram`` instead of 0: the solver stops short of the noise. (With ``tau = 1`` it is the
-    primal-dual form of ADMM for ``||y - Phi x||^2 / (2 rho) + prior`` in the metric of gram.) What stays as it is at
-    one tau does at any; :func:`pace_after` sets it. Where y is saturated the data say ``Phi x >= y``, and q, the
-    multiplier of a bound, is never negative.
+    accumulated residual and the limit measures y exactly. With ``rho > 0`` the multiplier q leaks: the residual of the
+    limit is ``rho q / gram``, so that noise is not fitted. (With ``tau = 1`` it is the primal-dual form of ADMM for
+    ``||y - Phi x||^2 / (2 rho) + prior`` in the metric of gram.) The fixed points do not depend on tau, which
+    :func:`pace_after` sets. A saturated pixel is a bound ``Phi x >= y``: its multiplier q is never negative.
     """
     dual, move = _multiplier(op, state.dual, state.residual, state.pace, rho, saturated)
     x = denoise(op.project(state.x, y - state.residual + dual + move), sigma)
@@ -76,9 +75,9 @@ def _multiplier(
 def pace_after(pace: float, move: np.ndarray, following: np.ndarray) -> float:
     """The pace for the next iteration, from 1 to `TUNED.fastest`, from two moves of the multiplier (H, W) in a row.
 
-    Of what the multiplier adds to x, a denoiser keeps a part d, and one iteration leaves ``1 - d tau`` of a residual:
-    detail, of which strong denoisers keep a few per cent, comes slowly, but from ``d tau = 2`` on the residual changes
-    its sign and grows. So the pace rises as long as moves keep their direction, and falls before they turn.
+    A denoiser keeps a part d of what the multiplier adds to x, so that one iteration leaves ``1 - d tau`` of a residual.
+    Strong denoisers keep a few per cent of fine detail, which comes slowly at ``tau = 1``; from ``d tau = 2`` on the
+    residual grows. So the pace rises while moves keep their direction, and falls when they turn.
 
     >>> pace_after(2.0, np.ones((1, 2)), np.ones((1, 2))), pace_after(2.0, np.ones((1, 2)), -np.ones((1, 2)))
     (2.5, 1.2)

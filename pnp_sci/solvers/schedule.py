@@ -31,10 +31,10 @@ TUNED = ScheduleNumbers()
 
 
 def contrast(op: SensingOperator) -> float:
-    """How much of y codes, 1 for 20 binary masks of density 1/2 or more: what tells frames apart, over the mean level.
+    """How strongly the masks modulate y: 1 for up to 20 binary masks of density 1/2, less for dense or many masks.
 
     The spread of the masks over views and frames, ``sqrt(sum(gram - S^2 / n) / sum(S^2))`` with S their sum and n their
-    number, in units of 0.22.
+    number, in units of 0.22, and 1 at most.
     """
     total = op.masks.sum((0, 1), dtype=np.float64)
     level = float(np.sum(total**2))
@@ -46,7 +46,7 @@ def contrast(op: SensingOperator) -> float:
 
 @dataclass(frozen=True)
 class Schedule:
-    """What the solver calls the denoiser with, and how far it trusts the data, from iteration to iteration.
+    """sigma of the denoiser and rho of the projection, iteration by iteration.
 
     Attributes
     ----------
@@ -61,39 +61,31 @@ class Schedule:
     last: float
 
     def enough(self, most: int) -> int:
-        """How many of `most` calls after those of TV are of use to a thorough prior: all without noise, else 20 to 80.
+        """How many calls of a strong prior to plan, `most` at most: all without noise, fewer the more noise there is.
 
-        Without noise PSNR rises on. With noise it is highest some ten or twenty calls of a network after sigma has
-        fallen; called time and again, a network takes noise for texture. On clips of the validation PSNR is highest
-        after 50, 30 and 20 of these where the last sigma is 0.06, 0.08, and 0.1 or more; three pairs of the benchmark
-        were looked at too.
+        Without noise PSNR rises with every call. With noise a strong prior begins to turn noise into texture.
         """
         if not np.any(self.product):
             return most
         return min(most, round(TUNED.enough + TUNED.more * (TUNED.sigma / max(self.last, TUNED.sigma)) ** 4))
 
     def at(self, iteration: int) -> tuple[float, float | np.ndarray]:
-        """sigma, and rho of the projection, for the iteration after so many."""
+        """sigma and rho of an iteration, counted from 0."""
         sigma = self.first * (self.last / self.first) ** min(iteration / TUNED.fall, 1) if self.first > 0 else 0.0
         return sigma, self.product / sigma if sigma > 0 else 0.0
 
 
 def schedule_for(op: SensingOperator, noise: float | np.ndarray, sigma: float | None = None) -> Schedule:
-    """The schedule for a standard deviation `noise` of y, in units where x spans [0, 1], and maybe a given sigma.
+    """The schedule for a standard deviation `noise` of y, and maybe a given sigma, in units where x spans [0, 1].
 
-    What GAP and ADMM minimise depends on the product ``sigma * rho`` only. It is 0.6 times the variance of the noise
-    where noise is faint, as an estimate of it is mostly texture then, and with 20 frames of all views or more; with
-    fewer up to 4 times (2 frames) or 6 (one), the more the louder it is. It is less again where the noise in a pixel
-    of x, ``noise / sqrt(gram)``, is no longer small, since the best weight of total variation then grows like the noise
-    and not like its square. How quickly they get there depends on the two apart: without noise sigma is 0.05, with more
-    than 20 frames of all views up to 0.0575; with noise it begins with that, or with what it takes to have rho at 0.15
-    of the mean gram, and falls from there within 40 iterations half way back on a scale of powers, where flow and
-    networks can see the motion and the detail that TV leaves.
-    Where pixels differ in noise, each has its own rho, and the mean of the products decides on sigma.
-    The constants are one choice for all scenes, from coarse grids at noise levels from 0 to 0.2 of max(y) on clips of
-    the training set and of the validation and on three pairs of the benchmark. On still and moving clips of the
-    validation the best product is, with `tv` and noise of 0.02 and 0.05, 9, 5, 2, 1 and 0.8 times the variance for 1,
-    2, 8, 12 and 20 to 30 frames; without noise 4 in the place of 0.6 costs `video` 0.5 dB in still scenes.
+    The minimum that GAP and ADMM approach depends on the product ``sigma * rho`` only; how quickly they approach it
+    depends on both. The product is the variance of the noise times a balance: 0.6 for faint noise, since an estimate of
+    it is mostly texture then, and for 20 frames of all views or more; up to 6 for one frame. Strong noise takes a part
+    of it off, since the best weight of total variation then grows like the noise and not like its square.
+
+    Without noise sigma is 0.05. With noise sigma begins where rho is 0.15 of the mean gram, if that is larger. It falls
+    within 40 iterations to the geometric mean of both, so that motion and detail become visible. Where pixels differ in
+    noise, each has its own rho, and the mean product decides on sigma.
     """
     gram, frames = float(np.mean(op.gram)), op.shape[0] * op.shape[1]
     product = _product(noise, gram, frames) if gram > 0 else 0.0

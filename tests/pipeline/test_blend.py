@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 import pnp_sci
-from pnp_sci.pipeline.blend import mixed
+from pnp_sci.pipeline.blend import blended
 from pnp_sci.plugins import registry
 from pnp_sci.sensing.operator import SensingOperator
 from pnp_sci.sensing.problem import Problem
@@ -20,7 +20,7 @@ def posed(noise, gram=1.0):
 
 def share(problem, x, other):
     """What `other` counts, after a look at the mean that comes of it."""
-    mean, shares = mixed(problem, x, other)
+    mean, shares = blended(problem, x, other)
     assert np.allclose(mean, x + np.reshape(shares, (-1, 1, 1, 1)) * (other - x), atol=1e-6)
     return np.array(shares)
 
@@ -54,7 +54,7 @@ def test_noise_of_each_pixel():
 def test_what_is_not_finite_stays_as_it_is():
     x = np.zeros(SHAPE, np.float32)
     x[1, 2, 3, 4] = np.inf
-    mean, shares = mixed(posed(1.0), x, np.zeros(SHAPE, np.float32))
+    mean, shares = blended(posed(1.0), x, np.zeros(SHAPE, np.float32))
     assert mean is x
     assert shares == [0.0, 0.0]
 
@@ -66,13 +66,13 @@ def embedded():
 
 @pytest.fixture
 def smooth(monkeypatch):
-    """A decoder and initialiser of that name: every frame is y over the sum of the masks."""
+    """A decoder, known as "smooth": every frame is y over the sum of the masks."""
 
-    def decoder(op, y):
-        return np.broadcast_to(y / op.masks.sum((0, 1)).clip(1), op.shape).astype(op.dtype)
+    def decoder(problem, scene):
+        op = problem.op
+        return np.broadcast_to(problem.y / op.masks.sum((0, 1)).clip(1), op.shape).astype(op.dtype)
 
-    for kind in ("inits", "decoders"):
-        monkeypatch.setitem(registry._registered[kind], "smooth", decoder)
+    monkeypatch.setitem(registry._registered["decoders"], "smooth", lambda: decoder)
     return decoder
 
 

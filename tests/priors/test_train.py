@@ -4,45 +4,23 @@ import os
 import subprocess
 import sys
 
-import imageio.v3 as iio
 import numpy as np
 import pytest
 from click.testing import CliRunner
 
-import pnp_sci
-from pnp_sci.errors import FormatError, InputError
+from pnp_sci.errors import FormatError
 
 torch = pytest.importorskip("torch")
 pytest.importorskip("safetensors")
-_weights = pytest.importorskip("priors.networks.files")
 clips = pytest.importorskip("pnp_sci.training.clips")
+files = pytest.importorskip("priors.networks.files")
 loop = pytest.importorskip("pnp_sci.training.loop")
-muon = pytest.importorskip("pnp_sci.training.muon")
-assisted = pytest.importorskip("priors.assisted")
+shipped = pytest.importorskip("priors.networks.image").WEIGHTS
 data = pytest.importorskip("priors.train.data")
-states = pytest.importorskip("priors.train.states")
 task = pytest.importorskip("priors.train.task")
 cli = pytest.importorskip("priors.train.__main__")
 
-
-@pytest.fixture(scope="module")
-def folder(tmp_path_factory):
-    folder = tmp_path_factory.mktemp("clips")
-    random = np.random.default_rng(0)
-    for name in ("ball_1", "ball_2", "car", "dog"):
-        frames = np.kron(random.integers(0, 256, (12, 8, 8, 1)), np.ones((1, 4, 4, 3))).astype(np.uint8)
-        iio.imwrite(folder / f"{name}.mp4", frames, plugin="FFMPEG", fps=10)
-    iio.imwrite(folder / "photograph.jpg", random.integers(0, 256, (40, 30), np.uint8))
-    return folder
-
-
-@pytest.fixture(autouse=True)
-def small():
-    """One thread: more of them only wait for each other on pictures this small."""
-    threads = torch.get_num_threads()
-    torch.set_num_threads(1)
-    yield
-    torch.set_num_threads(threads)
+pytestmark = pytest.mark.usefixtures("one_thread")
 
 
 def train(folder, out, name="video", steps=6, frames=8, seed=0, resume=False, optimizer="adam"):
@@ -60,7 +38,7 @@ def test_command_line_writes_weights_curves_and_card(folder, tmp_path):
     arguments += " --optimizer muon"
     result = CliRunner().invoke(cli.main, arguments.split(), catch_exceptions=False)
     assert result.exit_code == 0, result.output
-    _, digest = _weights.load(weights, "ffdnet")
+    _, digest = files.load(weights, "ffdnet")
     card = weights.with_suffix(".md").read_text()
     assert digest in card
     assert "2 clips (24 frames) and 1 photographs" in card
@@ -78,7 +56,7 @@ def test_training_goes_on_from_other_weights(folder, tmp_path):
     for more in (["--weights", str(first)], ["--start", str(first), "--seed", "1"]):
         result = CliRunner().invoke(cli.main, [*common, "--out", str(tmp_path / "run"), *more], catch_exceptions=False)
         assert result.exit_code == 0, result.output
-    begun, gone_on = (_weights.load(path, "ffdnet")[0] for path in (first, tmp_path / "run" / "ffdnet.safetensors"))
+    begun, gone_on = (files.load(path, "ffdnet")[0] for path in (first, tmp_path / "run" / "ffdnet.safetensors"))
     for one, other in zip(begun.parameters(), gone_on.parameters()):
         torch.testing.assert_close(other, one, atol=1e-5, rtol=1e-3)
     card = (tmp_path / "run" / "ffdnet.md").read_text()
@@ -110,7 +88,7 @@ def test_resumed_run_equals_an_uninterrupted_one(folder, tmp_path, monkeypatch, 
     assert progress.step == 6
     states = [torch.load(tmp_path / run / "checkpoint.pt", weights_only=True)["network"] for run in ("whole", "parts")]
     assert all(torch.equal(states[0][key], states[1][key]) for key in states[0])
-    first, second = (_weights.load(tmp_path / run / "weights.safetensors", "video")[1] for run in ("whole", "parts"))
+    first, second = (files.load(tmp_path / run / "weights.safetensors", "video")[1] for run in ("whole", "parts"))
     assert first == second
 
 
@@ -134,47 +112,6 @@ def test_resume_refuses_another_run(folder, tmp_path):
     torch.save(state, tmp_path / "checkpoint.pt")
     with pytest.raises(FormatError, match="do not fit"):
         train(folder, tmp_path, steps=2, resume=True)
-
-
-@pytest.mark.parametrize("shape", [(3, 16, 16), (2, 8, 72), (1, 64, 20)])
-def test_steps_of_muon_are_orthogonal(shape):
-    """Singular values near 1, and the singular vectors of the matrix itself."""
-    matrices = torch.randn(shape, generator=torch.Generator().manual_seed(0))
-    found = muon.orthogonal(matrices)
-    values = torch.linalg.svdvals(found)
-    assert 0.4 < values.median() < 1.3
-    assert values.max() < 1.35
-    left, _, right = torch.linalg.svd(matrices, full_matrices=False)
-    mixed = left.mT @ found @ right.mT
-    assert torch.linalg.matrix_norm(mixed - torch.diag_embed(mixed.diagonal(dim1=1, dim2=2))).max() < 0.15
-
-
-def test_muon_moves_every_kernel_by_its_rate():
-    """Whatever the size of the gradient and of the kernel, the step is as long as Adam's is."""
-    kernels = [torch.nn.Parameter(torch.zeros(shape)) for shape in ((8, 8, 3, 3), (8, 8, 3, 3), (16, 4, 1, 1))]
-    for size, kernel in zip((1e-6, 1, 1e3), kernels):
-        kernel.grad = size * torch.randn(kernel.shape, generator=torch.Generator().manual_seed(0))
-    muon.Muon(kernels, 0.01, 0).step()
-    for kernel in kernels:
-        assert (kernel * kernel.grad).sum() < 0, "downhill"
-        assert kernel.square().mean().sqrt().item() == pytest.approx(0.2 * 0.01, rel=0.4)
-
-
-def test_muon_moves_kernels_together_as_each_alone():
-    """With momentum and decay over three steps, and wherever their channels lie in memory."""
-    random = torch.Generator().manual_seed(0)
-    starts, *gradients = torch.randn(4, 2, 8, 16, 3, 3, generator=random)
-    together = [torch.nn.Parameter(k.contiguous(memory_format=torch.channels_last)) for k in starts]
-    alone = [torch.nn.Parameter(k.clone()) for k in starts]
-    optimizers = [muon.Muon(together, 0.01, 0.1), *(muon.Muon([k], 0.01, 0.1) for k in alone)]
-    for pair in gradients:
-        for k, gradient in enumerate(pair):
-            together[k].grad, alone[k].grad = gradient.clone(memory_format=torch.channels_last), gradient
-        for optimizer in optimizers:
-            optimizer.step()
-    for one, other in zip(together, alone):
-        torch.testing.assert_close(one, other, atol=1e-3, rtol=0)
-    assert not torch.allclose(together[0], starts[0], atol=1e-2)
 
 
 def test_average_of_the_weights(folder, tmp_path):
@@ -204,7 +141,7 @@ def test_two_processes_agree(folder, tmp_path):
     """What torchrun does: each process has its rank; the result is that of one set of weights."""
     command = [sys.executable, "-m", "priors.train", "video", "--data", str(folder), "--out", str(tmp_path)]
     command += ["--steps", "2", "--crop", "32", "--batch", "1", "--validations", "1"]
-    command += ["--start", str(assisted.video().net.weights), "--solves", "1"]
+    command += ["--start", str(shipped / "video.safetensors"), "--solves", "1"]
     shared = {"WORLD_SIZE": "2", "MASTER_ADDR": "127.0.0.1", "MASTER_PORT": "29617", "OMP_NUM_THREADS": "1"}
     ranks = [subprocess.Popen(command, env=os.environ | shared | {"RANK": rank}) for rank in "01"]
     assert [process.wait(120) for process in ranks] == [0, 0]
@@ -239,85 +176,6 @@ def test_samples_depend_on_seed_rank_and_step_only():
         assert again.dtype == np.float32
         assert not np.array_equal(again, other)
     assert all(np.array_equal(a, b) for a, b in zip(sampler(0, 7), (clean, noisy, sigma)))
-
-
-@pytest.fixture
-def watch(folder):
-    training, _ = clips.split(clips.load_clips([folder]))
-    return lambda rank=0: states.Watch(training, assisted.video(), solves=2, crop=32, seed=1, rank=rank)
-
-
-def test_states_are_what_the_network_sees_and_its_truth(watch):
-    network = assisted.video().net._runner.network
-    watching = watch()
-    found, again, other = watching(network), watch()(network), watch(rank=1)(network)
-    assert found.frames.shape == found.level.shape == found.truth.shape
-    assert found.frames.shape[1:] == (32, 32)
-    assert len(found.frames) > states.FRAMES
-    assert "noise" not in vars(watching.prior.net._runner), "the prior is as it was"
-    error, elsewhere = (np.square(found.frames - truth).mean() for truth in (found.truth, found.truth[::-1]))
-    assert error < 0.8 * elsewhere, "each frame lies beside its own truth"
-    assert np.array_equal(again.truth, found.truth)
-    assert np.array_equal(again.frames, found.frames)
-    assert not np.array_equal(other.truth[:1], found.truth[:1])
-    frames, level, truth = found.draw(np.random.default_rng(0), 7)
-    assert frames.shape == level.shape == truth.shape == (7, 32, 32)
-    assert frames.dtype == np.float32
-
-
-def test_states_are_those_of_the_network_that_is_given(watch):
-    network = assisted.video().net._runner.network
-    usual = watch()(network)
-    torch.nn.init.zeros_(network.tail.weight)
-    idle = watch()(network)
-    assert np.array_equal(idle.truth, usual.truth)
-    assert not np.array_equal(idle.frames, usual.frames)
-
-
-def test_truth_is_in_the_units_that_the_network_sees(watch, monkeypatch):
-    network = assisted.video().net._runner.network
-    half = pnp_sci.simulate
-    usual = watch()(network)
-    monkeypatch.setattr(states.pnp_sci, "simulate", lambda truth, *args, **kwargs: half(truth * 0.5, *args, **kwargs))
-    darker = watch()(network)
-    assert np.median(darker.truth / np.maximum(usual.truth, 0.1)) == pytest.approx(2, rel=0.1), (
-        "its unit is half as large"
-    )
-
-
-def test_solves_need_weights_and_are_on_the_card(folder, tmp_path):
-    start = tmp_path / "start.safetensors"
-    common = ["ffdnet", "--data", str(folder), "--steps", "2", "--crop", "32", "--batch", "2", "--out", str(tmp_path)]
-    common += ["--validations", "2"]
-    for more, message in (
-        (["--solves", "1"], "solves: weights to --start from"),
-        (["--solves", "1", "--start", str(start), "--crop", "31"], "crop is 31: 32 pixels at least"),
-    ):
-        refused = CliRunner().invoke(cli.main, [*common, *more])
-        assert isinstance(refused.exception, InputError)
-        assert message in str(refused.exception)
-    for more in (["--weights", str(start)], ["--start", str(start), "--solves", "1"]):
-        result = CliRunner().invoke(cli.main, [*common, *more], catch_exceptions=False)
-        assert result.exit_code == 0, result.output
-    card = (tmp_path / "ffdnet.md").read_text()
-    assert "--start start.safetensors --solves 1" in card
-    frames = int(card.split("meanwhile, from ")[1].split()[0])
-    assert states.FRAMES < frames <= 2 * states.CALLS * states.FRAMES, "two collections; the third is for later steps"
-    assert "within the solver" not in start.with_suffix(".md").read_text()
-
-
-@pytest.mark.parametrize(("off", "sign"), [(0, -1), (1, 1)])
-def test_half_of_the_loss_is_from_the_solver(folder, watch, tmp_path, off, sign):
-    """Flat frames are easy where they are the truth, and never right where the truth is ten sigma away."""
-    material = clips.split(clips.load_clips([folder]))
-    place, start = loop.Place.here(), assisted.video().net.weights
-    common = ("video", *material, task.Sample(8, 1, 32), 0, tmp_path / "weights.safetensors", "by a test", start)
-    alone, both = task.Denoising(*common), task.Denoising(*common, watch())
-    flat = np.full((9, 32, 32), 0.5, np.float16)
-    both.collections = [states.States(flat, 0.1 * np.ones_like(flat), flat + np.float16(off))]
-    with torch.no_grad():
-        of_noise, mean = (float(t.loss(t.network, place, 0)) for t in (alone, both))
-    assert sign * (2 * mean - of_noise) > 2
 
 
 def test_noise_has_unit_variance():

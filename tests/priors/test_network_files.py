@@ -1,0 +1,92 @@
+"""Files of weights of the networks, and when they are read."""
+
+import subprocess
+import sys
+
+import pytest
+
+from pnp_sci.errors import DataUnavailableError, FormatError, InputError
+from priors.networks.along_motion import VideoNet
+from priors.networks.image import ImageNet
+
+torch = pytest.importorskip("torch")
+save_file = pytest.importorskip("safetensors.torch").save_file
+unet = pytest.importorskip("priors.networks.unet")
+files = pytest.importorskip("priors.networks.files")
+
+
+@pytest.fixture(scope="module")
+def weights(tmp_path_factory):
+    """A folder with weights of either network, as they are before training."""
+    folder = tmp_path_factory.mktemp("weights")
+    torch.manual_seed(0)
+    for name in ("ffdnet", "video"):
+        files.save(folder / name, name, unet.SMALL, unet.Network(unet.SMALL))
+    return folder
+
+
+def test_unknown_device(weights):
+    with pytest.raises(InputError, match="device: 'abacus'"):
+        ImageNet(weights / "ffdnet", device="abacus")
+
+
+def test_weights_are_read_once_and_again_when_the_file_has_changed(weights, tmp_path):
+    path = tmp_path / "ffdnet"
+    path.write_bytes((weights / "ffdnet").read_bytes())
+    first = ImageNet(path)
+    assert ImageNet(path).runner is first.runner
+    torch.manual_seed(1)
+    other = unet.Network(unet.SMALL)
+    digest = files.save(path, "ffdnet", unet.SMALL, other)
+    assert ImageNet(path).sha256 == digest != first.sha256
+
+
+def test_the_hash_of_the_video_net_is_that_of_both_networks(weights):
+    video = VideoNet(weights / "video")
+    assert video.sha256 not in (video.runner.sha256, video.image.sha256)
+    assert VideoNet(weights / "video").sha256 == video.sha256
+
+
+def test_weights_survive_the_file(weights, tmp_path):
+    network, digest = files.load(weights / "video", "video")
+    assert files.save(tmp_path / "again", "video", network.architecture, network) == digest
+    assert ImageNet(weights / "ffdnet").sha256 == files.load(weights / "ffdnet", "ffdnet")[1]
+    assert not list(tmp_path.glob("*.partial"))
+
+
+def test_weights_that_do_not_fit(weights, tmp_path):
+    with pytest.raises(DataUnavailableError, match=r"python -m priors\.train video"):
+        files.load(tmp_path / "none", "video")
+    with pytest.raises(FormatError, match="holds ffdnet, but video was expected"):
+        files.load(weights / "ffdnet", "video")
+    (tmp_path / "text").write_text("not weights at all")
+    with pytest.raises(FormatError, match="not a safetensors file"):
+        files.load(tmp_path / "text", "video")
+    save_file({"a": torch.zeros(1)}, tmp_path / "foreign")
+    with pytest.raises(FormatError, match="no prior of this package"):
+        files.load(tmp_path / "foreign", "video")
+    damaged = bytearray((weights / "video").read_bytes())
+    damaged[-1] ^= 1
+    (tmp_path / "damaged").write_bytes(damaged)
+    with pytest.raises(FormatError, match="damaged"):
+        files.load(tmp_path / "damaged", "video")
+    files.save(tmp_path / "misfit", "video", unet.Architecture((8, 8), (1, 1)), unet.Network(unet.SMALL))
+    with pytest.raises(FormatError, match="do not fit"):
+        files.load(tmp_path / "misfit", "video")
+
+
+def test_torch_is_loaded_when_a_session_begins():
+    """And not with the priors, nor with what they say of themselves."""
+    code = (
+        "import sys, numpy as np; from priors.both import Both; from priors.ffdnet import FFDNet;"
+        "from priors.video import Video; made = [Both(), FFDNet(), Video()];"
+        "[prior.traits((2, 4, 40, 40)) for prior in made]; assert 'torch' not in sys.modules;"
+        "FFDNet().begin((1, 1, 8, 8), np.dtype('f4')); assert 'torch' in sys.modules"
+    )
+    subprocess.run([sys.executable, "-c", code], check=True)
+
+
+def test_says_what_to_install_without_torch(weights, monkeypatch):
+    monkeypatch.setitem(sys.modules, "priors.networks.runner", None)
+    with pytest.raises(ImportError, match=r"pnp-sci\[learned\]"):
+        ImageNet(weights / "ffdnet")
