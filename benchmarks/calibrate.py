@@ -1,13 +1,14 @@
 """Sweeps of the tuned numbers: what each costs, in dB, if it is halved, doubled or switched off.
 
-    PNP_SCI_DATA=... python benchmarks/calibrate.py priors.flow       # the numbers of a module, or one: priors.flow.grain
-    python benchmarks/calibrate.py --list                             # all tuned numbers, and how many there are
+    PNP_SCI_DATA=... python benchmarks/calibrate.py priors.flow  # those of a module; or one: priors.flow.grain
+    python benchmarks/calibrate.py --list  # all tuned numbers, and how many there are
 
 The cases are crops of 128 x 128 pixels of validation clips (:func:`pnp_sci.training.clips.split`), on which no network
 was trained. The three pairs of the benchmark are not among them. Each number has a row in docs/calibration.
 """
 
 import importlib
+import inspect
 import json
 import os
 import pkgutil
@@ -24,19 +25,15 @@ import numpy as np
 ROOT = Path(__file__).parents[1]
 PAGES = ROOT / "docs" / "calibration"
 SIZE = 128
-OPTIONS = {  # numbers that are options of priors
-    "priors.tv.TV": ("strength",),
-    "priors.bm3d.BM3D": ("first",),
-    "priors.flow.Flow": ("neighbours", "tolerance", "drift", "first"),
-    "priors.ffdnet.FFDNet": ("first",),
-    "priors.video.Video": ("first",),
-}
+OPTIONS = {"priors.flow.Flow": ("tolerance",), "pnp_sci.api.solve": ("tol",)}  # numbers that are options
 # Methods that a module serves, and the kinds of cases: moving scenes, noise, still scenes, or what is modelled of them
 ALL, FAST = ("tv", "flow", "video"), ("tv", "flow")
 SERVES = {
     "pnp_sci.solvers.schedule": (ALL, "noise"),
     "pnp_sci.solvers.gap": (ALL, "moving noise"),
     "pnp_sci.solvers.plan": (ALL, "moving noise"),
+    "pnp_sci.solvers.stopping": (FAST, "moving noise"),
+    "pnp_sci.api": (FAST, "moving noise"),
     "pnp_sci.solvers.averaging": (("flow", "video"), "moving noise"),
     "pnp_sci.pipeline.blend": (("video",), "noise"),
     "pnp_sci.scene.select": (FAST, "scene"),
@@ -55,8 +52,8 @@ SERVES = {
     "priors.both": (("both",), "moving noise"),
     "ofanet_init.decoder": (("decode:ofanet-fast",), "moving noise"),
 }
-ALSO = {"pnp_sci.solvers.schedule.sigma": "moving", "pnp_sci.solvers.schedule.many": "moving"}
-EFFORT = {"fast": "fast", "strong_fast": "fast", "best": "best", "per_frame_best": "best"}
+ALSO = {"pnp_sci.solvers.schedule.sigma": "moving"}
+EFFORT = {"pnp_sci.solvers.plan.fast": "fast", "pnp_sci.solvers.plan.best": "best"}
 OFF = json.loads((Path(__file__).parent / "calibrate_off.json").read_text())  # values that switch a number off
 
 
@@ -128,10 +125,13 @@ def tuned_numbers():
         tuned = importlib.import_module(cls.__module__).TUNED
         found |= {f"{cls.__module__}.{field.name}": getattr(tuned, field.name) for field in fields(tuned)}
     for path, names in OPTIONS.items():
-        module, _, cls = path.rpartition(".")
-        default = getattr(importlib.import_module(module), cls)()
-        found |= {f"{path}.{name}": getattr(default, name) for name in names}
+        found |= {f"{path}.{name}": inspect.signature(_object(path)).parameters[name].default for name in names}
     return found
+
+
+def _object(path):
+    module, _, name = path.rpartition(".")
+    return getattr(importlib.import_module(module), name)
 
 
 def alternatives(name, value):
@@ -152,15 +152,20 @@ def changed(name, value):
         return
     owner, _, field = name.rpartition(".")
     if owner in OPTIONS:
-        module, _, cls = owner.rpartition(".")
-        init = getattr(importlib.import_module(module), cls).__init__
-        before = init.__defaults__
-        names = [f.name for f in fields(getattr(importlib.import_module(module), cls))]
-        init.__defaults__ = tuple(value if n == field else d for n, d in zip(names, before))
+        function = _object(owner)
+        function = function.__init__ if inspect.isclass(function) else function
+        before = function.__defaults__, function.__kwdefaults__
+        names = [
+            p.name
+            for p in inspect.signature(function).parameters.values()
+            if p.default is not p.empty and p.kind is not p.KEYWORD_ONLY
+        ]
+        function.__defaults__ = tuple(value if n == field else d for n, d in zip(names, before[0] or ()))
+        function.__kwdefaults__ = before[1] and before[1] | ({field: value} if field in before[1] else {})
         try:
             yield
         finally:
-            init.__defaults__ = before
+            function.__defaults__, function.__kwdefaults__ = before
         return
     tuned = importlib.import_module(owner).TUNED
     before = getattr(tuned, field)
@@ -205,7 +210,7 @@ def tasks(names, values):
         module = next(m for m in sorted(SERVES, key=len, reverse=True) if name.startswith(m + "."))
         methods, kinds = SERVES[module]
         kinds = f"{kinds} {ALSO.get(name, '')}".split()
-        effort = EFFORT.get(name.rpartition(".")[2], "balanced") if "plan" in module else "balanced"
+        effort = EFFORT.get(name, "balanced")
         for method in methods:
             for case in CASES:
                 if case.kind in kinds:
@@ -264,8 +269,8 @@ def write(names, values, measured):
         known = [name for name in values if owner_of(name) == module]
         lines = [
             f"# {module}\n",
-            f"Change of PSNR in dB on validation clips, mean (worst), and ratio of seconds, if one number of `{module}` is"
-            f" halved, doubled or switched off. Made by `python benchmarks/calibrate.py {module}`.\n",
+            f"Change of PSNR in dB on validation clips, mean (worst), and ratio of seconds, if one number of "
+            f"`{module}` is halved, doubled or switched off. Made by `python benchmarks/calibrate.py {module}`.\n",
             "| number | value | half | double | off |",
             "| --- | --- | --- | --- | --- |",
             *(f"| `{name[len(module) + 1 :]}` | {' | '.join(rows[name])} |" for name in known if name in rows),

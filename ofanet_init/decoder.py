@@ -11,18 +11,28 @@ import torch
 
 from ofanet_init import files as _weights
 from ofanet_init.network import OFaNet
+from pnp_sci._tuned import Tuned
 from pnp_sci.accel.inference import ready, running, usable
 from pnp_sci.errors import InputError
+from pnp_sci.pipeline.blend import TUNED as DECODED
 from pnp_sci.plugins.protocols import Decoder
 from pnp_sci.sensing.problem import Problem
 from pnp_sci.sensing.scene_model import SceneModel
 
 ROWS = 512  # rows that the separator decodes at a time, which bounds its memory
 MARGIN = 64  # rows added on either side: the receptive field of the separator
-BRIGHTNESS = 0.8  # value of the problem's unit in units of the training clips, in which white is 1
-ERROR = 0.1  # standard deviation of the network's errors, where the video spans [0, 1]
 
 _log = logging.getLogger("pnp_sci")
+
+
+@dataclass(frozen=True)
+class DecoderNumbers(Tuned):
+    """How the network's units and errors relate to those of the problem."""
+
+    brightness: float = 0.8  # value of the problem's unit in units of the training clips, in which white is 1
+
+
+TUNED = DecoderNumbers()
 
 
 @dataclass(frozen=True)
@@ -108,14 +118,14 @@ def _decoded(network: OFaNet, problem: Problem, place: torch.device, refine: boo
     op, y, noise = problem.op, problem.y, problem.typical_noise
     largest = float(op.masks.max()) or 1.0
     # one pass where the noise of a pixel exceeds the network's errors
-    passes = 1 if noise > ERROR * np.sqrt(op.gram.mean()) else None
+    passes = 1 if noise > DECODED.loud * np.sqrt(op.gram.mean()) else None
 
     def estimate(rows: slice) -> np.ndarray:
         masks = torch.from_numpy(op.masks[:, :, rows].astype(np.float32) / np.float32(largest))[None].to(place)
-        measurement = torch.from_numpy((y[rows] * (BRIGHTNESS / largest)).astype(np.float32))[None].to(place)
+        measurement = torch.from_numpy((y[rows] * (TUNED.brightness / largest)).astype(np.float32))[None].to(place)
         with running(place):
             estimates = network(measurement, masks, refine, orders=op.shape[0], passes=passes)
-            return estimates.refined[0].float().cpu().numpy() / np.float32(BRIGHTNESS)
+            return estimates.refined[0].float().cpu().numpy() / np.float32(TUNED.brightness)
 
     if refine and network.refiners:  # optical flow needs whole frames
         x = estimate(slice(None)).astype(op.dtype)
@@ -125,7 +135,7 @@ def _decoded(network: OFaNet, problem: Problem, place: torch.device, refine: boo
             before = min(top, MARGIN)
             part = estimate(slice(top - before, top + ROWS + MARGIN))[:, :, before:]
             x[:, :, top : top + ROWS] = part[:, :, :ROWS]
-    return op.project(x, y, (noise / ERROR) ** 2)
+    return op.project(x, y, (noise / DECODED.loud) ** 2)
 
 
 @cache

@@ -11,6 +11,7 @@ from pnp_sci._tuned import Tuned
 from pnp_sci._validate import whole
 from pnp_sci.plugins.protocols import Prior, Session, Traits
 from priors.kernels import bm3d as kernels
+from priors.tv import TUNED as TOTAL_VARIATION
 from priors.tv import TV
 
 THRESHOLD = 2.7  # standard deviations, as Dabov et al. have it
@@ -64,7 +65,7 @@ class BM3D(Prior):
     True
     """
 
-    first: int = 30
+    first: int = TOTAL_VARIATION.warmup
 
     def __post_init__(self):
         whole("first", self.first, 0)

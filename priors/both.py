@@ -12,6 +12,7 @@ from pnp_sci.plugins.combine import Joint
 from pnp_sci.plugins.protocols import Prior, Session, Traits
 from priors.flow import Flow
 from priors.motion.measure import may_show_motion
+from priors.tv import TUNED as TOTAL_VARIATION
 from priors.video import Video
 
 
@@ -53,7 +54,7 @@ class Both(Prior):
 
     weights: str | Path | None = None
     device: str | None = None
-    first: int = 60
+    first: int = TOTAL_VARIATION.warmup
 
     def __post_init__(self):
         self._serving((1, 1, 1, 1))  # which checks the fields

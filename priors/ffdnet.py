@@ -11,7 +11,9 @@ from pnp_sci._tuned import Tuned
 from pnp_sci._validate import whole
 from pnp_sci.plugins.protocols import Prior, Session, Traits
 from priors.networks.image import ImageNet
+from priors.session import TUNED as SESSION
 from priors.session import NetworkSession
+from priors.tv import TUNED as TOTAL_VARIATION
 from priors.tv import TV
 
 
@@ -20,7 +22,6 @@ class FFDNetNumbers(Tuned):
     """What the network is told, and what serves beside it."""
 
     stronger: float = 1.5  # sigma that the network is told, in units of the solver's
-    beside: float = 0.4  # strength of TV before the network
 
 
 TUNED = FFDNetNumbers()
@@ -62,7 +63,7 @@ class FFDNet(Prior):
 
     weights: str | Path | None = None
     device: str | None = None
-    first: int = 30
+    first: int = TOTAL_VARIATION.warmup
 
     def __post_init__(self):
         whole("first", self.first, 0)
@@ -73,5 +74,5 @@ class FFDNet(Prior):
 
     def begin(self, shape: tuple[int, ...], dtype: np.dtype) -> Session:
         """A session with the network loaded."""
-        beside = TV(TUNED.beside, still=False).begin(shape, dtype)
+        beside = TV(SESSION.beside, still=False).begin(shape, dtype)
         return NetworkSession(ImageNet(self.weights, self.device), beside, TUNED.stronger, self.first)

@@ -13,7 +13,9 @@ from pnp_sci._validate import whole
 from pnp_sci.errors import InputError
 from pnp_sci.plugins.protocols import Prior, Session, Traits
 from priors.bm3d import BM3D, BM3DSession
+from priors.motion.measure import TUNED as MOTION
 from priors.motion.measure import Motion, finished, may_show_motion, measure
+from priors.tv import TUNED as TOTAL_VARIATION
 from priors.tv import TV
 
 FAINT = 1e-4  # of the range of x: smaller differences than that are not worth an average
@@ -23,11 +25,9 @@ FAINT = 1e-4  # of the range of x: smaller differences than that are not worth a
 class FlowNumbers(Tuned):
     """Averages along motion, in units of the solver's sigma where nothing else is said."""
 
-    rest: float = 0.8  # standard deviation along time at which a pixel counts 1/e as still
-    rest_most: float = 0.04  # its largest value, where x spans [0, 1]
+    rest: float = 0.04  # standard deviation along time at which a pixel counts 1/e as still, where x spans [0, 1]
     renew: int = 4  # calls between two estimates of the flow
     strength: float = 0.25  # strength of TV beside the averages
-    inner: int = 3  # dual steps of that TV
     loud: float = 0.35  # sigma above which noise hides the motion, where x spans [0, 1]
     grain: float = 1.6  # noise that BM3D is told, in units of what the averages leave
 
@@ -81,10 +81,10 @@ class Flow(Prior):
     (1, 3, 32, 32)
     """
 
-    neighbours: int = 3
+    neighbours: int = MOTION.neighbours
     tolerance: float = 2.6
-    drift: float = 1.5
-    first: int = 60
+    drift: float = MOTION.drift
+    first: int = TOTAL_VARIATION.warmup
     still: bool = True
 
     def __post_init__(self):
@@ -113,7 +113,8 @@ class FlowSession(Session):
 
     def __init__(self, prior: Flow, shape: tuple[int, ...], dtype: np.dtype):
         self.prior, self.calls = prior, 0
-        self.frames, self.patches = TV(TUNED.strength, time=0, inner=TUNED.inner).begin(shape, dtype), BM3DSession()
+        self.frames, self.patches = TV(TUNED.strength, time=0).begin(shape, dtype), BM3DSession()
+        self.rest = TUNED.rest if prior.still else 0.0
         self.motion: list[Motion] = []
         self.still: list[float] = []
         self.left = np.empty(0, np.float32)  # of each pixel, what BM3D is told, in units of sigma
@@ -129,7 +130,7 @@ class FlowSession(Session):
     def _averaged(self, v: np.ndarray, sigma: float) -> np.ndarray:
         """Each frame of v (V, B, H, W) averaged with its neighbours along their motion."""
         if self.calls % TUNED.renew == 1 or not self.motion:
-            seeing = self.prior.neighbours, self.prior.tolerance * sigma, self.prior.drift, self._rest(sigma)
+            seeing = self.prior.neighbours, self.prior.tolerance * sigma, self.prior.drift, self.rest
             before = self.motion or [None] * len(v)
             self.motion = [measure(view, *seeing, motion) for view, motion in zip(v, before)]
             self.still = [seen.at_rest for seen in self.motion]
@@ -144,12 +145,8 @@ class FlowSession(Session):
         if not self.motion:
             return x
         self.motion, self.left = [], self.left[:0]  # their memory is needed no more
-        return finished(x, sigma, self.prior.neighbours, self.prior.drift, self._rest(sigma))
+        return finished(x, sigma, self.prior.neighbours, self.prior.drift, self.rest)
 
     def facts(self) -> Mapping[str, Any]:
         """The part of each view that stands still, as last measured."""
         return {"still": self.still}
-
-    def _rest(self, sigma: float) -> float:
-        """Standard deviation along time at which a pixel counts 1/e as still; 0 where none may."""
-        return min(TUNED.rest * sigma, TUNED.rest_most) if self.prior.still else 0.0

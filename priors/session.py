@@ -13,12 +13,14 @@ from pnp_sci.plugins.protocols import Session
 from priors.networks.along_motion import VideoNet
 from priors.networks.image import ImageNet
 
+MOST = 75 / 255  # largest sigma that a network is told: the largest of its training
+
 
 @dataclass(frozen=True)
 class SessionNumbers(Tuned):
     """Bounds on what a network is given."""
 
-    most: float = 0.25  # largest sigma that a network is told, near the largest that it has learned
+    beside: float = 0.3  # strength of TV before the network
     demand: float = 2.8  # root mean square, in sigmas, of what may be new in a view of the input
 
 
@@ -54,9 +56,9 @@ class NetworkSession(Session):
         if self.last is not None:
             v = within(TUNED.demand * sigma, v, self.last)
         told = self.stronger * sigma
-        v = self.beside(v, max(1.0, told / TUNED.most) * sigma)
+        v = self.beside(v, max(1.0, told / MOST) * sigma)
         self.turn += 1
-        self.last = self.net(v, min(told, TUNED.most), self.turn)
+        self.last = self.net(v, min(told, MOST), self.turn)
         return self.last
 
     def finish(self, x: np.ndarray, sigma: float) -> np.ndarray:

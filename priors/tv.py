@@ -25,7 +25,8 @@ ONE = {np.int16: 2**15 - 1, np.int32: 2**30}  # what stands for 1 in the dual va
 class TVNumbers(Tuned):
     """Weights along time, and which pixels stand still; sigma where x spans [0, 1]."""
 
-    settle: int = 40  # calls after which the estimate shows what moves
+    settle: int = 40  # calls after which the estimate shows what moves, and between two looks at what is still
+    warmup: int = 60  # calls with which total variation begins for a strong prior
     trusted: float = 0.06  # largest sigma at which changes along time count as motion
     around: int = 15  # pixels a side of the two box filters over space and change
     time_before: float = 0.15  # weight along time before that, and with a larger sigma
@@ -34,7 +35,6 @@ class TVNumbers(Tuned):
     time_most: float = 0.7  # largest weight along time
     rest: float = 0.02  # standard deviation along time at which a pixel counts 1/e as still, per weight and frame
     rest_most: float = 0.03  # its largest value
-    look: int = 20  # calls between two looks at what stands still
 
 
 TUNED = TVNumbers()
@@ -146,7 +146,7 @@ class TVSession(Session):
         """What the estimate x shows of motion, once it has settled: weights along time, and which pixels are still."""
         if self.calls == TUNED.settle and sigma <= TUNED.trusted:
             self.weights = np.stack([time_weights(view) for view in x])
-        if self.prior.still and self.calls >= TUNED.settle and (self.calls - TUNED.settle) % TUNED.look == 0:
+        if self.prior.still and self.calls % TUNED.settle == 0:
             rest = float(min(TUNED.rest * x.shape[0] * x.shape[1] * weight, TUNED.rest_most))
             self.still = [at_rest(view, rest) for view in x]
 

@@ -13,7 +13,9 @@ from pnp_sci.plugins.protocols import Prior, Session, Traits
 from priors.ffdnet import FFDNet
 from priors.motion.measure import may_show_motion
 from priors.networks.along_motion import VideoNet
+from priors.session import TUNED as SESSION
 from priors.session import NetworkSession
+from priors.tv import TUNED as TOTAL_VARIATION
 from priors.tv import TV
 
 
@@ -22,7 +24,6 @@ class VideoNumbers(Tuned):
     """What the network is told, what serves beside it, and how often the motion is measured."""
 
     stronger: float = 2.3  # sigma that the network is told, in units of the solver's: averages remove a part
-    beside: float = 0.3  # strength of TV before the network
     renew: int = 5  # calls between two measurements of the motion, each of which takes as long as three calls
 
 
@@ -66,7 +67,7 @@ class Video(Prior):
 
     weights: str | Path | None = None
     device: str | None = None
-    first: int = 60
+    first: int = TOTAL_VARIATION.warmup
 
     def __post_init__(self):
         whole("first", self.first, 0)
@@ -81,4 +82,4 @@ class Video(Prior):
         if not may_show_motion(shape):
             return FFDNet(device=self.device, first=self.first).begin(shape, dtype)
         net = VideoNet(self.weights, self.device, TUNED.renew)
-        return NetworkSession(net, TV(TUNED.beside, time=0).begin(shape, dtype), TUNED.stronger, self.first)
+        return NetworkSession(net, TV(SESSION.beside, time=0).begin(shape, dtype), TUNED.stronger, self.first)

@@ -9,14 +9,15 @@ import numpy as np
 from pnp_sci._tuned import Tuned
 from pnp_sci.sensing.problem import Problem
 
+MOST = 0.5  # largest share: the mean of two estimates that are equally good
+
 
 @dataclass(frozen=True)
 class BlendNumbers(Tuned):
     """How much a decoder's estimate counts."""
 
-    most: float = 0.5  # largest share of the decoder's estimate
     alike: float = 1.5e-3  # mean squared difference up to which both may be right, where x spans [0, 1]
-    loud: float = 0.1  # noise in a pixel of x, ``noise / sqrt(gram)``, at which the share is half of the largest
+    loud: float = 0.1  # noise in a pixel of x, ``noise / sqrt(gram)``, that equals a decoder's error
 
 
 TUNED = BlendNumbers()
@@ -46,6 +47,6 @@ def blended(problem: Problem, x: np.ndarray, other: np.ndarray) -> tuple[np.ndar
     for view, second, mean in zip(x, other, out):
         step = second - view
         apart = float(np.mean(step**2))
-        shares.append(float(TUNED.alike / max(apart, TUNED.alike / TUNED.most) * loud / (1 + loud)))
+        shares.append(float(TUNED.alike / max(apart, TUNED.alike / MOST) * loud / (1 + loud)))
         np.add(view, step * step.dtype.type(shares[-1]), out=mean)
     return out, shares

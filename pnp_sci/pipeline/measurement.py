@@ -75,7 +75,7 @@ def reconstruct(
     reduced, described = scene.reduce(op), scene.describe(op)
     plan = make_plan(
         reduced, problem.noise, request.prior,
-        algorithm=request.algorithm, effort=request.counted, frames=described["frames_modelled"],
+        algorithm=request.algorithm, effort=request.counted,
         iterations=request.iterations, sigma=request.sigma, tol=request.tol, deadline=deadline,
     )  # fmt: skip
     watch.expect(plan.iterations)

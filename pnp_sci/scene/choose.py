@@ -11,7 +11,6 @@ from pnp_sci.sensing.problem import Problem
 from pnp_sci.sensing.scene_model import SceneModel, full
 
 QUICK, CAREFUL = "tv", "flow"  # priors of the estimates that are compared; neither may find by itself what is still
-JUDGED_WITH = {"neighbours": 2, "tolerance": 3.0}  # options of the careful one with which the limits were chosen
 SMALLEST = 32  # pixels a side: smaller pictures show no motion
 
 
@@ -43,5 +42,5 @@ def choose_scene(
     quick = as_prior(QUICK, still=False)
     if not careful or min(problem.op.shape[2:]) < SMALLEST or CAREFUL not in installed:
         return judge(problem, quick, until=until)
-    flow = as_prior(CAREFUL, first=patience(problem.op) // 2, still=False, **JUDGED_WITH)
+    flow = as_prior(CAREFUL, first=patience(problem.op) // 2, still=False)
     return judge(problem, quick, flow, each_view, until)

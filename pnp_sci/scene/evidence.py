@@ -10,6 +10,7 @@ from pnp_sci._tuned import Tuned
 from pnp_sci.sensing.operator import SensingOperator
 from pnp_sci.sensing.scene_model import SceneModel
 
+FLOOR = 0.3  # of the mean squared error, added to that of every window: keeps ratios of small errors meaningful
 SURELY = 2.0  # standard errors: a mean gain of that many is beyond chance
 
 
@@ -18,8 +19,6 @@ class TileNumbers(Tuned):
     """Where models are compared."""
 
     tile: int = 96  # pixels a side of the crop on which models are compared
-    window: int = 48  # pixels a side of what lies in its middle
-    everywhere: float = 0.3  # floor of a window's error, in units of the mean: keeps ratios of small errors meaningful
 
 
 TUNED = TileNumbers()
@@ -90,10 +89,10 @@ def contested_tile(simple: np.ndarray, other: np.ndarray) -> tuple[slice, slice]
     """
     from scipy.ndimage import uniform_filter
 
-    window = tuple(min(TUNED.window, n) for n in simple.shape)
+    window = tuple(min(TUNED.tile // 2, n) for n in simple.shape)
     inside = tuple(slice(w // 2, n - (w - 1) // 2) for n, w in zip(simple.shape, window))
     of_simple, of_other = (
-        uniform_filter(errors, window, np.float64)[inside] + TUNED.everywhere * errors.mean()  # type: ignore[arg-type]
+        uniform_filter(errors, window, np.float64)[inside] + FLOOR * errors.mean()  # type: ignore[arg-type]
         for errors in (simple, other)
     )
     ratio = of_simple / np.maximum(of_other, np.finfo(np.float64).tiny)

@@ -32,15 +32,9 @@ class SceneNumbers(Tuned):
     held_back: float = 0.1  # part of the pixels of y that is predicted
     least: int = 60  # iterations of a quick estimate, at least
     per_frame: int = 3  # iterations of a quick estimate for each frame of all views
-    look: int = 15  # iterations on the whole picture before careful estimates
-    glance: int = 8  # iterations on the whole picture before quick estimates
-    early: int = 20  # iterations before the first comparison on a tile
-    perhaps: float = 1.2  # largest ratio, early
-    clearly: float = 0.8  # largest ratio at the end of quick estimates
+    perhaps: float = 1.2  # largest ratio, early; its inverse at the end of quick estimates
     carefully: float = 1.6  # largest ratio of careful estimates
-    calls: tuple[float, ...] = (8 / 60, 12 / 60, 20 / 60)  # careful calls before comparisons, per `patience`
     saturated: float = 0.01  # part of y above which saturated pixels leave no random choice
-    doubt: float = 0.1  # part of the variance of the noise by which its estimate may be too low
 
 
 TUNED = SceneNumbers()
@@ -59,8 +53,8 @@ def judge(
     Simpler models are tried against the full one: without the views whose level is near 0, and with one frame per view.
     A tenth of the pixels of y is held back, and both models are estimated from the rest. They are compared on the tile
     where the simple model predicts the held-back pixels worst, relative to the full one. The simple model is taken if
-    it predicts clearly better there, or with a `careful` prior not much worse. Besides, the motion or the view that only
-    the full model shows must not correlate with the errors of the simple one.
+    it predicts clearly better there, or with a `careful` prior not much worse. Besides, what only the full
+    model shows, motion or a view, must not correlate with the errors of the simple one.
 
     Parameters
     ----------
@@ -77,11 +71,12 @@ def judge(
         A moment of ``time.perf_counter``: a model that has not shown by then that it is better is not taken.
     """
     op = problem.op
-    predicts_better = _Comparison(problem, until, TUNED.look if careful else TUNED.glance)
+    predicts_better = _Comparison(problem, until, patience(op) // (4 if careful else 8))
     chosen = full(op, "every view and frame is needed")
-    half, calls = patience(op) // 2, [round(part * patience(op)) for part in TUNED.calls]
-    clearly = {patience(op): partial(at_most, TUNED.clearly)}
-    no_worse = {half: partial(at_most, NO_WORSE), half + calls[0]: partial(at_most, NO_WORSE)}
+    last = patience(op)
+    early, half, soon, later = last // 3, last // 2, last // 2 + last // 5, last // 2 + last // 3  # iterations of looks
+    clearly = {last: partial(at_most, 1 / TUNED.perhaps)}
+    no_worse = dict.fromkeys((half, soon), partial(at_most, NO_WORSE))
     levels = view_levels(op, problem.y)
     lit = tuple(bool(v) for v in levels > TUNED.dark * levels.max())
     if not all(lit) and any(lit):
@@ -95,18 +90,18 @@ def judge(
     so_far = "" if chosen.complete else chosen.reason + "; "
     still = SceneModel(chosen.views, True, so_far + "nothing moves: one frame per view explains y")
     if careful is None:
-        looks = {TUNED.early: partial(at_most, TUNED.perhaps)} | clearly
+        looks = {early: partial(at_most, TUNED.perhaps)} | clearly
         return still if predicts_better(still, chosen, quick, looks) else chosen
-    by_tv = dict.fromkeys((TUNED.early, half), partial(at_most, TUNED.perhaps))
-    by_flow = {half + n: partial(at_most, TUNED.carefully) for n in calls[:-1]} | {half + calls[-1]: whatever}
-    if predicts_better(still, chosen, careful, by_tv | by_flow, TUNED.doubt):
+    by_tv = dict.fromkeys((early, half), partial(at_most, TUNED.perhaps))
+    by_flow = {soon: partial(at_most, TUNED.carefully), later: whatever}
+    if predicts_better(still, chosen, careful, by_tv | by_flow):
         return still
-    beside = dict.fromkeys((TUNED.early, half), partial(at_most, NO_WORSE)) | {half + calls[-1]: beyond_chance}
+    beside = dict.fromkeys((early, half), partial(at_most, NO_WORSE)) | {later: beyond_chance}
     for view in np.flatnonzero(chosen.views) if each_view else ():
         stills = tuple(s or v == view for v, s in enumerate(chosen.still))  # type: ignore[arg-type]
         names = " and ".join(str(v + 1) for v, s in enumerate(stills) if s)
         model = SceneModel(chosen.views, stills, f"{so_far}one frame explains what y shows of view {names}")
-        if not model.nothing_moves and predicts_better(model, chosen, careful, beside, TUNED.doubt):
+        if not model.nothing_moves and predicts_better(model, chosen, careful, beside):
             chosen = model
     return chosen
 
@@ -124,9 +119,7 @@ class _Comparison:
             self.hidden, self.seen = self.hidden & ~problem.saturated, self.seen & ~problem.saturated
         self._known: dict[SceneModel, tuple[np.ndarray, np.ndarray]] = {}
 
-    def __call__(
-        self, simple: SceneModel, other: SceneModel, prior: Prior, looks: dict[int, IsFine], doubt: float = 0
-    ) -> bool:
+    def __call__(self, simple: SceneModel, other: SceneModel, prior: Prior, looks: dict[int, IsFine]) -> bool:
         """Whether the simple model predicts well enough, on its worst tile, at each of the looks.
 
         A look is a number of iterations and a condition on the squared errors after it.
@@ -142,7 +135,7 @@ class _Comparison:
         y, hidden, seen = (picture[crop] for picture in (y, self.hidden, self.seen))
         if not hidden.any():
             return False
-        expected = self.problem.typical_noise**2 * (1 + doubt)
+        expected = self.problem.typical_noise**2
 
         def estimates(model: SceneModel) -> Iterator[tuple[np.ndarray, np.ndarray]]:
             return _predictions(model.reduce(part), y, seen, self.problem.typical_noise, prior, *looks)

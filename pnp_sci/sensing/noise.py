@@ -2,12 +2,24 @@
 
 from __future__ import annotations
 
+from dataclasses import dataclass
+
 import numpy as np
 
+from pnp_sci._tuned import Tuned
 from pnp_sci.sensing.operator import SensingOperator
 
 BLOCK = 8  # pixels per side of a block
-QUANTILE = 0.02  # quantile of the residual variances of the blocks
+
+
+@dataclass(frozen=True)
+class NoiseNumbers(Tuned):
+    """Which blocks of pixels decide."""
+
+    quantile: float = 0.02  # of the residual variances of blocks: the flattest ones decide
+
+
+TUNED = NoiseNumbers()
 
 
 def estimate_noise(op: SensingOperator, y: np.ndarray, saturated: np.ndarray | None = None) -> float:
@@ -62,8 +74,8 @@ def estimate_noise(op: SensingOperator, y: np.ndarray, saturated: np.ndarray | N
     right = np.einsum("kpi,kp->ki", model, values)
     fit = np.linalg.solve(normal + ridge * np.eye(model.shape[-1]), right[..., None])[..., 0]
     left_over = ((values - np.einsum("kpi,ki->kp", model, fit)) ** 2).sum(1)
-    quantile_of_chi_square = 2 * gammaincinv(freedom / 2, QUANTILE)  # importing scipy.stats takes half a second
-    return float(np.sqrt(np.quantile(left_over[usable], QUANTILE) / quantile_of_chi_square))
+    quantile_of_chi_square = 2 * gammaincinv(freedom / 2, TUNED.quantile)  # importing scipy.stats takes half a second
+    return float(np.sqrt(np.quantile(left_over[usable], TUNED.quantile) / quantile_of_chi_square))
 
 
 def _blocks(picture: np.ndarray) -> np.ndarray:

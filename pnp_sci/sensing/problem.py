@@ -7,6 +7,7 @@ from typing import Any
 
 import numpy as np
 
+from pnp_sci._tuned import Tuned
 from pnp_sci._validate import finite_number, one_of, real_array, require_finite
 from pnp_sci.errors import InputError
 from pnp_sci.sensing.noise import estimate_noise
@@ -17,6 +18,17 @@ from pnp_sci.sensing.sensor import Sensor
 NEAR = (1.5, 6, 24, 96)  # pixels: standard deviations of the Gaussian means that fill pixels whose masks are all 0
 CLOSED = 1e-3  # of the largest weight: smaller means of neighbours are not used
 LOUDEST = 1e6  # of max |y|: upper bound of the noise, whose square must be finite
+
+
+@dataclass(frozen=True)
+class UnitNumbers(Tuned):
+    """The unit in which the video spans about [0, 1]."""
+
+    white: float = 0.999  # quantile of y over the sum of the masks that counts as 1
+    width: float = 1.5  # pixels, of the Gaussian that smooths both
+
+
+TUNED = UnitNumbers()
 
 
 @dataclass(frozen=True, eq=False)
@@ -131,11 +143,11 @@ def brightest(op: SensingOperator, y: np.ndarray, noise: float) -> float:
 
     total, gram = op.masks.sum((0, 1), dtype=np.float64), op.gram.astype(np.float64)
     if np.sum(total**2) >= np.sum(gram):
-        below = gaussian_filter(total, 1.5, mode="nearest")
+        below = gaussian_filter(total, TUNED.width, mode="nearest")
         open_pixels = np.abs(below) > 0.5 * np.median(np.abs(below))
         if open_pixels.any():
-            mean = np.abs(gaussian_filter(y, 1.5, mode="nearest")[open_pixels] / below[open_pixels])
-            return float(np.quantile(mean, 0.999)) or 1.0
+            mean = np.abs(gaussian_filter(y, TUNED.width, mode="nearest")[open_pixels] / below[open_pixels])
+            return float(np.quantile(mean, TUNED.white)) or 1.0
     energy = max(float(np.mean(y**2)) - noise**2, 0.01 * float(np.mean(y**2)))
     expected = float(np.mean(total**2 / 4 + gram / 16))
     return float(np.sqrt(energy / expected)) if energy > 0 and expected > 0 else 1.0

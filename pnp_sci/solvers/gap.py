@@ -16,8 +16,7 @@ class PaceNumbers(Tuned):
     """How the pace of the multiplier follows its moves."""
 
     fastest: float = 5.0  # largest pace
-    faster: float = 1.25  # factor of the pace after a steady move
-    slower: float = 0.6  # factor after a move that turns
+    faster: float = 1.25  # factor of the pace after a steady move; its square divides the pace after a turn
     steady: float = 0.6  # part of a move that is found again in the next, above which it is steady
     turning: float = 0.25  # ... below which it turns
 
@@ -75,16 +74,16 @@ def _multiplier(
 def pace_after(pace: float, move: np.ndarray, following: np.ndarray) -> float:
     """The pace for the next iteration, from 1 to `TUNED.fastest`, from two moves of the multiplier (H, W) in a row.
 
-    A denoiser keeps a part d of what the multiplier adds to x, so that one iteration leaves ``1 - d tau`` of a residual.
-    Strong denoisers keep a few per cent of fine detail, which comes slowly at ``tau = 1``; from ``d tau = 2`` on the
-    residual grows. So the pace rises while moves keep their direction, and falls when they turn.
+    A denoiser keeps a part d of what the multiplier adds to x: one iteration leaves ``1 - d tau`` of a residual. Strong
+    denoisers keep a few per cent of fine detail, which comes slowly at ``tau = 1``. From ``d tau = 2`` on the residual
+    grows. So the pace rises while moves keep their direction, and falls when they turn.
 
     >>> pace_after(2.0, np.ones((1, 2)), np.ones((1, 2))), pace_after(2.0, np.ones((1, 2)), -np.ones((1, 2)))
-    (2.5, 1.2)
+    (2.5, 1.28)
     """
     kept, square = (float(np.einsum("ij,ij", move, m)) for m in (following, move))
     if kept < TUNED.turning * square:
-        return max(TUNED.slower * pace, 1.0)
+        return max(pace / TUNED.faster**2, 1.0)
     return min(TUNED.faster * pace, TUNED.fastest) if kept > TUNED.steady * square else pace
 
 

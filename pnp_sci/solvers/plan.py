@@ -19,18 +19,14 @@ from pnp_sci.solvers.schedule import Schedule, contrast, schedule_for
 class EffortNumbers(Tuned):
     """Iterations of an effort."""
 
-    fast: int = 50  # iterations of a plain prior
-    balanced: int = 100
-    best: int = 200
-    strong_fast: int = 20  # calls of a strong prior after its warm-up
-    strong: int = 30  # ... with any other effort, at least
-    per_frame: float = 1.5  # ... for each frame of all views, where that is more
-    per_frame_best: float = 2.5
-    strong_most: int = 50  # ... at most
+    plain: int = 100  # iterations of a plain prior, balanced; half as many fast, twice as many for the best
+    fast: int = 20  # calls of a strong prior after its warm-up
+    balanced: int = 30
+    best: int = 50
 
 
 TUNED = EffortNumbers()
-EFFORTS = "fast", "balanced", "best"
+EFFORTS = {"fast": 0.5, "balanced": 1, "best": 2}  # iterations of a plain prior, in those of the balanced effort
 
 
 @dataclass(frozen=True, eq=False)
@@ -86,7 +82,6 @@ def make_plan(
     *,
     algorithm: str = "gap",
     effort: str = "balanced",
-    frames: int | None = None,
     iterations: int | None = None,
     sigma: float | None = None,
     tol: float = 8e-5,
@@ -100,8 +95,6 @@ def make_plan(
         Of what is modelled.
     noise : float or ndarray, (H, W)
     prior : Prior
-    frames : int, optional
-        Frames of all views that are modelled; by default all of the operator.
     algorithm, effort, iterations, sigma, tol
         As for :func:`pnp_sci.solve`.
     deadline : float, optional
@@ -110,16 +103,14 @@ def make_plan(
     if iterations is None:
         iterations = prior.calls if isinstance(prior, Stages) else None
     if iterations is None:
-        iterations = enough(prior, op.shape, effort, op.shape[0] * op.shape[1] if frames is None else frames, schedule)
+        iterations = enough(prior, op.shape, effort, schedule)
     return Plan(algorithm, order, schedule, iterations, tol * contrast(op), order[-1].begins, deadline)
 
 
-def enough(prior: Prior, shape: Sequence[int], effort: str, frames: int, schedule: Schedule) -> int:
-    """How many iterations an effort allows if so many frames of all views are modelled; noise takes some of them."""
+def enough(prior: Prior, shape: Sequence[int], effort: str, schedule: Schedule) -> int:
+    """How many iterations an effort allows for videos of this shape; noise takes some of those of a strong prior."""
     traits = prior.traits(tuple(shape))
     if not traits.strong:
-        return {"fast": TUNED.fast, "balanced": TUNED.balanced, "best": TUNED.best}[effort]
-    per_frame = {"fast": 0.0, "balanced": TUNED.per_frame, "best": TUNED.per_frame_best}[effort]
-    least = TUNED.strong_fast if effort == "fast" else TUNED.strong
-    calls = round(min(max(per_frame * frames, least), TUNED.strong_most))
+        return round(EFFORTS[effort] * TUNED.plain)
+    calls = {"fast": TUNED.fast, "balanced": TUNED.balanced, "best": TUNED.best}[effort]
     return (traits.warmup[1] if traits.warmup else 0) + schedule.enough(calls)

@@ -10,6 +10,7 @@ from pnp_sci._tuned import Tuned
 from pnp_sci.sensing.operator import SensingOperator
 
 HALF_OPEN = 0.22  # spread over level of 20 binary masks of density 1/2
+USUAL = 20  # frames of all views of the dual-view benchmark
 
 
 @dataclass(frozen=True)
@@ -17,10 +18,8 @@ class ScheduleNumbers(Tuned):
     """How strongly the prior denoises and how far the data are trusted, in units where x spans [0, 1]."""
 
     sigma: float = 0.05  # sigma without noise
-    many: float = 1.15  # factor of sigma for 28 frames of all views and more, 1 for 20
-    balance: float = 0.6  # sigma * rho per variance of the noise, where that is small
-    loud_balance: float = 12.6  # ... where it is not: this over one more than the frames of all views
-    loud: float = 0.03  # noise in a pixel of x half way from the one to the other
+    balance: float = 0.6  # sigma * rho per variance of the noise, for faint noise or USUAL frames of all views
+    loud: float = 0.03  # noise in a pixel of x at which fewer frames have half of their larger balance
     softest: float = 0.15  # largest rho at the beginning, in units of the mean gram
     fall: int = 40  # iterations in which sigma falls that noise has raised
     enough: int = 20  # calls of a strong prior that are of use with strong noise
@@ -92,14 +91,13 @@ def schedule_for(op: SensingOperator, noise: float | np.ndarray, sigma: float | 
     mean = float(np.mean(product))
     if sigma is not None:
         return Schedule(product, sigma, sigma)
-    quiet = TUNED.sigma * float(np.interp(frames, (20, 28), (1, TUNED.many)))
-    first = max(quiet, mean / (TUNED.softest * gram)) if mean > 0 else quiet
-    return Schedule(product, first, float(np.sqrt(first * quiet)))
+    first = max(TUNED.sigma, mean / (TUNED.softest * gram)) if mean > 0 else TUNED.sigma
+    return Schedule(product, first, float(np.sqrt(first * TUNED.sigma)))
 
 
 def _product(noise: float | np.ndarray, gram: float, frames: int) -> float | np.ndarray:
     """sigma * rho, see :func:`schedule_for`."""
     in_x = noise / np.sqrt(gram)
     loud = in_x**2 / (in_x**2 + TUNED.loud**2)
-    balance = TUNED.balance + max(TUNED.loud_balance / (1 + frames) - TUNED.balance, 0) * loud
+    balance = TUNED.balance * (1 + max((1 + USUAL) / (1 + frames) - 1, 0) * loud)
     return balance * noise**2 / (1 + in_x)

@@ -3,15 +3,26 @@
 from __future__ import annotations
 
 import time
+from dataclasses import dataclass
 
 import numpy as np
 
+from pnp_sci._tuned import Tuned
 from pnp_sci.results.history import Status
 from pnp_sci.solvers.plan import Plan
 from pnp_sci.solvers.state import State, length, missing
 
 EXPLODED = 10.0  # relative residual that no useful iterate has: x = 0 has 1
-PLATEAU = 5  # iterations in a row whose change must be below the tolerance
+
+
+@dataclass(frozen=True)
+class StoppingNumbers(Tuned):
+    """When nothing changes any more."""
+
+    plateau: int = 5  # iterations in a row whose change must be below the tolerance
+
+
+TUNED = StoppingNumbers()
 
 
 class Guard:
@@ -60,7 +71,7 @@ class Stopping:
         self.slowest = max(self.slowest, lasted)
         if finishes and state.iteration > 1:  # the first one loads and compiles
             self.ending = max(self.ending, lasted)
-        if self.quiet >= PLATEAU:
+        if self.quiet >= TUNED.plateau:
             return Status.CONVERGED
         if state.iteration >= self.plan.iterations:
             return Status.ITERATIONS

@@ -8,6 +8,7 @@ import numpy as np
 from pnp_sci._tuned import Tuned
 from pnp_sci.accel.jit import kernel
 
+DARKEST = 1e-6  # lower bound of the factor on the limit, so that it stays above 0
 HARDLY = 0.02  # largest probability of a row that is skipped, to save time
 
 
@@ -16,7 +17,6 @@ class StillNumbers(Tuned):
     """The limit for dark pixels: dark objects that move change x little."""
 
     bright: float = 0.5  # mean along time below which the limit is proportional to the mean
-    darkest: float = 0.05  # lower bound of the factor on the limit
 
 
 TUNED = StillNumbers()
@@ -28,7 +28,7 @@ def sureness(change, brightness, rest):
     change: squared change along time; brightness: mean along time, both (H, W). The limit r is `rest` (> 0) for bright
     pixels. For dark ones it is proportional to their mean, with a lower bound.
     """
-    r = rest * np.clip(brightness / TUNED.bright, TUNED.darkest, 1)
+    r = rest * np.clip(brightness / TUNED.bright, DARKEST, 1)
     with np.errstate(under="ignore"):  # pixels that move
         return np.exp(-change / r**2)
 

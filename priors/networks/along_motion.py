@@ -9,6 +9,7 @@ from pathlib import Path
 import numpy as np
 
 from pnp_sci._tuned import Tuned
+from priors.motion.measure import TUNED as MOTION
 from priors.motion.measure import Motion, finished, may_show_motion, measure
 from priors.networks import LIMIT
 from priors.networks.image import ImageNet, runner
@@ -20,9 +21,7 @@ FAINT = 1e-4  # sigma below which frames are not averaged
 class VideoNetNumbers(Tuned):
     """Parameters of the averages along the motion, in units of sigma where no unit is given."""
 
-    neighbours: int = 3  # frames on either side that a frame is averaged with
     tolerance: float = 0.85  # difference between a frame and a warped neighbour at which the weight is 1/e
-    drift: float = 1.5  # pixels: forward-backward error of the flow at which the weight is 1/e
     rest: float = 0.2  # standard deviation along time at which a pixel counts 1/e as still
     sharp: float = 0.7  # noise level of the image net whose output the motion is estimated from
 
@@ -82,7 +81,7 @@ class VideoNet:
         if not self.motion:
             return x
         self.motion = []  # frees its memory
-        return finished(x, sigma, TUNED.neighbours, TUNED.drift, TUNED.rest * sigma)
+        return finished(x, sigma, MOTION.neighbours, MOTION.drift, TUNED.rest * sigma)
 
 
 def see(image: ImageNet, x: np.ndarray, sigma: float, before: list[Motion] | None = None) -> list[Motion]:
@@ -91,7 +90,7 @@ def see(image: ImageNet, x: np.ndarray, sigma: float, before: list[Motion] | Non
     The search starts from the motion `before` of earlier estimates of the views.
     """
     views = zip(image(x, TUNED.sharp * sigma), before or [None] * len(x))
-    seeing = TUNED.neighbours, TUNED.tolerance * sigma, TUNED.drift, TUNED.rest * sigma
+    seeing = MOTION.neighbours, TUNED.tolerance * sigma, MOTION.drift, TUNED.rest * sigma
     return [measure(view, *seeing, motion) for view, motion in views]
 
 

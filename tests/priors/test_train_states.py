@@ -80,9 +80,9 @@ def test_solves_need_weights_and_are_on_the_card(folder, tmp_path):
         assert result.exit_code == 0, result.output
     card = (tmp_path / "ffdnet.md").read_text()
     assert "--start start.safetensors --solves 1" in card
-    frames = int(card.split("meanwhile, from ")[1].split()[0])
+    frames = int(card.split(" such frames")[0].split()[-1])
     assert states.FRAMES < frames <= 2 * states.CALLS * states.FRAMES, "two collections; the third is for later steps"
-    assert "within the solver" not in start.with_suffix(".md").read_text()
+    assert "such frames" not in start.with_suffix(".md").read_text()
 
 
 @pytest.mark.parametrize(("off", "sign"), [(0, -1), (1, 1)])
