@@ -45,10 +45,6 @@ nitpick_ignore_regex = [
     ("py:.*", r"pnp_sci\.\w+\.\w+\..*"),  # internals
     ("py:mod", ".*"),
 ]
-suppress_warnings = [
-    "config.cache",
-    "toc.empty_glob",  # tables that have not been generated
-]
 autodoc_typehints = "none"  # the docstrings have the types, with shapes
 autodoc_class_signature = "mixed"
 autodoc_member_order = "bysource"
@@ -64,6 +60,7 @@ sphinx_gallery_conf = {
     "image_scrapers": ("gallery_tools.scraper",),
     "reset_argv": "gallery_tools.argv",
     "download_all_examples": False,
+    "ignore_repr_types": r"[Ff]igure",  # the scraper shows them
     "show_memory": False,
     "show_signature": False,
     "remove_config_comments": True,

@@ -18,7 +18,7 @@ options.add_argument("--small", action="store_true", help="64 x 64 pixels, 10 it
 args, _ = options.parse_known_args()
 
 scene = pnp_sci.datasets.embedded_scene(64 if args.small else 128)
-pnp_sci.condition(scene.masks)
+scene
 
 # %%
 # ``reference`` adds the PSNR to the history.

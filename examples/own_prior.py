@@ -69,3 +69,5 @@ for name, prior in priors.items():
 
 projection_alone = results["none"].plot(frames=[0, 3, 6, 9])
 with_gaussian = results["gaussian"].plot(frames=[0, 3, 6, 9])
+
+# sphinx_gallery_thumbnail_number = 2

@@ -55,3 +55,5 @@ result.export(args.out / "quickstart.mp4")
 result.save(args.out / "quickstart.npz")
 again = pnp_sci.Result.load(args.out / "quickstart.npz")
 print(f"settings that were saved: {', '.join(again.settings)}")
+
+# sphinx_gallery_thumbnail_number = 2

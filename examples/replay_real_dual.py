@@ -4,6 +4,9 @@ Two real captures in one
 
 Light adds up. So the sum of two captures is what a dual-view camera would have measured, noise included.
 A wheel and a hand are separated again, 14 frames each.
+
+.. image:: /pictures/real_dual.jpg
+   :alt: frames recovered by several priors
 """
 
 import argparse
@@ -43,3 +46,5 @@ for view, video in enumerate(result.x, 1):
 figure = result.plot(frames=range(1, scene.masks.shape[1] - 1, 2))
 figure.savefig(args.out / "dual.png", dpi=150)
 result.export(args.out / "dual.mp4", fps=7)
+
+# sphinx_gallery_thumbnail_path = "pictures/real_dual.jpg"

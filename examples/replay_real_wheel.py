@@ -4,6 +4,9 @@ A real capture: the wheel
 
 A chopper wheel with a letter D turns before a CACTI camera. 14 frames come from one picture, one view.
 The capture is downloaded on first use, or taken from the folder ``PNP_SCI_DATA``.
+
+.. image:: /pictures/wheel.jpg
+   :alt: frames recovered by several priors
 """
 
 import argparse
@@ -39,3 +42,5 @@ print(result)
 figure = result.plot(frames=range(1, scene.masks.shape[1] - 1, 2))
 figure.savefig(args.out / "wheel.png", dpi=150)
 result.export(args.out / "wheel.mp4", fps=7)
+
+# sphinx_gallery_thumbnail_path = "pictures/wheel.jpg"

@@ -133,9 +133,18 @@ def resolve(app, env, node, contnode):
     return domain.resolve_xref(env, node["refdoc"], app.builder, node["reftype"], target, node, contnode)
 
 
+def calibration(app, docname, source):
+    """Add the tables that have been generated to the page that says how, maybe none."""
+    if docname == "calibration/index":
+        tables = sorted(path.stem for path in (Path(app.srcdir) / "calibration").glob("*.md") if path.stem != "index")
+        if tables:
+            source[0] += "\n".join(["\n```{toctree}", ":maxdepth: 1", "", *tables, "```", ""])
+
+
 def setup(app):
     """Tell Sphinx to write the pages before it looks for them."""
     app.pnp_sci_aliases = aliases()
     app.connect("missing-reference", resolve)
+    app.connect("source-read", calibration)
     app.connect("config-inited", lambda app, config: write(Path(app.srcdir) / "reference" / "generated"), priority=100)
     return {"version": "1", "parallel_read_safe": True, "parallel_write_safe": True}

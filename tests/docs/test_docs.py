@@ -54,6 +54,13 @@ def parameters(command):
     return {name for parameter in found.get_params(context) for name in (*parameter.opts, *parameter.secondary_opts)}
 
 
+def is_package(module):
+    """Whether a module is a package of ours."""
+    return module.partition(".")[0] in ("pnp_sci", "priors", "ofanet_init") and bool(
+        find_spec(module).submodule_search_locations
+    )
+
+
 PYTHON = [page for page in PAGES if any(language == "python" for language, *_ in blocks(page))]
 
 
@@ -90,6 +97,10 @@ def test_commands_exist(page):
                     assert shown <= parameters(first) | {"--help", "-h"}, where
                 elif first == "-m":
                     assert find_spec(rest[0]), where
+                    main_of = find_spec(f"{rest[0]}.__main__") if is_package(rest[0]) else None
+                    source = Path(main_of.origin).read_text(encoding="utf-8") if main_of else ""
+                    options = {word.partition("=")[0] for word in rest[1:] if word.startswith("--")}
+                    assert not source or all(f'"{option}"' in source for option in options), where
                 elif first.endswith(".py") and not first.isupper() and (ROOT / first).parent != ROOT:
                     assert (ROOT / first).is_file(), where
 
