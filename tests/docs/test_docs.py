@@ -13,6 +13,7 @@ from click.testing import CliRunner
 
 import pnp_sci
 from pnp_sci.cli.main import main
+from pnp_sci.plugins import registry
 
 ROOT = Path(__file__).parents[2]
 DOCS = ROOT / "docs"
@@ -69,6 +70,8 @@ def test_blocks_run(page, tmp_path, monkeypatch):
     """All Python of a page, in order; on pages of the tutorials the commands between them too."""
     whole = pnp_sci.datasets.embedded_scene
     monkeypatch.setattr(pnp_sci.datasets, "embedded_scene", lambda size=256: whole(min(size, SIZE)))
+    for kind, registered in registry._registered.items():  # a page may register what other tests must not see
+        monkeypatch.setitem(registry._registered, kind, dict(registered))
     monkeypatch.chdir(tmp_path)
     monkeypatch.setattr(sys, "path", [*sys.path, str(tmp_path)])
     names = {"__name__": "__main__"}
