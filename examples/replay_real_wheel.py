@@ -1,30 +1,46 @@
-"""A capture of a real camera: a chopper wheel with a letter D turns, 14 frames from one picture, one view."""
+"""
+A real capture: the wheel
+=========================
+
+A chopper wheel with a letter D turns before a CACTI camera. 14 frames come from one picture, one view.
+The capture is downloaded on first use, or taken from the folder ``PNP_SCI_DATA``.
+
+.. image:: /pictures/wheel.jpg
+   :alt: frames recovered by several priors
+"""
 
 import argparse
 from pathlib import Path
 
 import pnp_sci
-from pnp_sci.datasets import embedded_scene, real
 from pnp_sci.errors import DataUnavailableError
-from pnp_sci.masks import condition
 
-arguments = argparse.ArgumentParser(description=__doc__)
-arguments.add_argument("--small", action="store_true", help="10 iterations")
-arguments.add_argument("--out", type=Path, default=Path("out"), help="folder for the picture and the film")
-arguments.add_argument("--prior", default="auto")
-options = arguments.parse_args()
-options.out.mkdir(parents=True, exist_ok=True)
+options = argparse.ArgumentParser(description="14 frames of a turning wheel from one picture.")
+options.add_argument("--small", action="store_true", help="10 iterations")
+options.add_argument("--out", type=Path, default=Path("out"), help="folder for the picture and the video")
+options.add_argument("--prior", default="auto")
+args, _ = options.parse_known_args()
+args.out.mkdir(parents=True, exist_ok=True)
 
 try:
-    scene = real("wheel")
+    scene = pnp_sci.datasets.real("wheel")
 except DataUnavailableError as error:
     print(f"{error}\nThe embedded scene takes its place.")
-    scene = embedded_scene(64 if options.small else 256)
+    scene = pnp_sci.datasets.embedded_scene(64 if args.small else 256)
 print(scene)
-print(condition(scene.masks))
 
-result = pnp_sci.solve(scene.y, scene.masks, options.prior, iterations=10 if options.small else None)
+# %%
+# A report on the masks: their density, closed pixels, and how alike they are.
+
+print(pnp_sci.condition(scene.masks))
+
+# %%
+# There is no truth to compare with: look at the picture.
+
+result = pnp_sci.solve(scene.y, scene.masks, args.prior, iterations=10 if args.small else None)
 print(result)
-result.plot(frames=range(1, scene.masks.shape[1] - 1, 2)).savefig(options.out / "wheel.png", dpi=150)
-result.export(options.out / "wheel.mp4", fps=7)
-print(f"Written: {options.out / 'wheel.png'}, {options.out / 'wheel.mp4'}")
+figure = result.plot(frames=range(1, scene.masks.shape[1] - 1, 2))
+figure.savefig(args.out / "wheel.png", dpi=150)
+result.export(args.out / "wheel.mp4", fps=7)
+
+# sphinx_gallery_thumbnail_path = "pictures/wheel.jpg"

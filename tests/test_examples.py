@@ -12,10 +12,11 @@ from pnp_sci import io
 EXAMPLES = Path(__file__).parents[1] / "examples"
 WRITTEN = {
     "quickstart": {"quickstart.png", "quickstart.mp4", "quickstart.npz"},
-    "compare_priors": {"compare_tv.png", "compare_wavelet.png", "compare_tv+wavelet.png"},
+    "compare_priors": {"compare.png"},
     "replay_real_wheel": {"wheel.png", "wheel.mp4"},
     "replay_real_dual": {"dual.png", "dual.mp4"},
     "own_prior": set(),
+    "notebook": set(),
     "what_is_modelled": {"modelled.jpg"},
 }
 CAPTURES = [("replay_real_wheel", (14, 256, 256)), ("replay_real_dual", (14, 240, 480))]
