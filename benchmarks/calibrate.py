@@ -261,11 +261,11 @@ def write(names, values, measured):
     PAGES.mkdir(parents=True, exist_ok=True)
     for module in dict.fromkeys(owner_of(name) for name in names):
         page = PAGES / f"{module}.md"
-        rows = _read(page)
+        rows = rows_of(page)
         for name in names:
             if owner_of(name) == module:
                 cells = changes(name, values[name], measured)
-                rows[name] = [_text(values[name]), *(_cell(cells.get(label)) for label in ("half", "double", "off"))]
+                rows[name] = [as_text(values[name]), *(_cell(cells.get(label)) for label in ("half", "double", "off"))]
         known = [name for name in values if owner_of(name) == module]
         lines = [
             f"# {module}\n",
@@ -284,7 +284,7 @@ def owner_of(name):
     return owner.rpartition(".")[0] if owner in OPTIONS else owner
 
 
-def _read(page):
+def rows_of(page):
     if not page.is_file():
         return {}
     module = page.stem
@@ -292,15 +292,15 @@ def _read(page):
     return {f"{module}.{name.strip('`')}": cells for name, *cells in lines}
 
 
-def _text(value):
-    return ", ".join(map(_text, value)) if isinstance(value, (tuple, list)) else f"{value:.4g}"
+def as_text(value):
+    return ", ".join(map(as_text, value)) if isinstance(value, (tuple, list)) else f"{value:.4g}"
 
 
 def _cell(row):
     if row is None:
         return "-"
     other, mean, worst, seconds = row
-    return f"{_text(other)}: {mean:+.3f} ({worst:+.2f}), {seconds:.2f}"
+    return f"{as_text(other)}: {mean:+.3f} ({worst:+.2f}), {seconds:.2f}"
 
 
 @click.command()
@@ -313,7 +313,7 @@ def main(names, listed, jobs, log):
     values = tuned_numbers()
     if listed:
         for name, value in values.items():
-            click.echo(f"{name:60s} {_text(value)}")
+            click.echo(f"{name:60s} {as_text(value)}")
         click.echo(f"{len(values)} tuned numbers")
         return
     chosen = [name for name in values if not names or any(name == n or name.startswith(n + ".") for n in names)]

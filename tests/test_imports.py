@@ -1,5 +1,8 @@
-"""What an import loads, and which way imports run."""
+"""What an import loads, which way imports run, and how much there is in one place."""
 
+import ast
+import contextlib
+import io
 import json
 import subprocess
 import sys
@@ -7,6 +10,8 @@ from pathlib import Path
 
 import pytest
 
+ROOT = Path(__file__).parents[1]
+PACKAGES = "pnp_sci", "priors", "ofanet_init"
 HEAVY = ["torch", "numba", "scipy", "skimage", "matplotlib", "h5py", "pywt", "imageio", "priors", "ofanet_init"]
 
 
@@ -35,12 +40,17 @@ def test_solving_needs_no_torch(prior):
         "import pnp_sci; s = pnp_sci.datasets.embedded_scene(32)\n"
         f"r = pnp_sci.solve(s.y, s.masks, prior={prior!r}, iterations=3); assert r.x.shape == (2, 10, 32, 32)"
     )
-    others = ["torch", "safetensors", "matplotlib", "priors.ffdnet", "priors.video", "ofanet_init"]
+    others = ["torch", "safetensors", "matplotlib", "priors.networks", "priors.video", "ofanet_init"]
     assert loaded_after(solve, others) == []
 
 
-def test_making_a_learned_prior_loads_no_torch():
-    assert loaded_after("from priors.ffdnet import FFDNet; FFDNet()", ["torch"]) == []
+@pytest.mark.parametrize("name", ["ffdnet", "video", "both"])
+def test_making_a_network_prior_loads_no_torch(name):
+    """Nor does asking for its traits; the first session does."""
+    made = f"import pnp_sci; p = pnp_sci.as_prior({name!r}); p.traits((2, 10, 64, 64))"
+    assert loaded_after(made, ["torch", "safetensors"]) == []
+    pytest.importorskip("torch")
+    assert loaded_after(f"{made}; import numpy; p.begin((1, 2, 64, 64), numpy.dtype('f4'))", ["torch"]) == ["torch"]
 
 
 def test_every_public_name_is_there():
@@ -50,13 +60,45 @@ def test_every_public_name_is_there():
         assert getattr(pnp_sci, name) is not None
 
 
-def test_imports_run_one_way():
-    """The contract in pyproject.toml: the core never imports its plugins, and they not each other."""
+def test_imports_keep_to_the_contracts():
+    """Those in pyproject.toml: layers, no circles, and a core that knows no plugin."""
     pytest.importorskip("importlinter")
-    root = Path(__file__).parents[1]
     lint = "from importlinter.cli import lint_imports; raise SystemExit(lint_imports(no_cache=True))"
     done = subprocess.run(
-        [sys.executable, "-c", lint], cwd=root, capture_output=True, text=True, check=False, timeout=120
+        [sys.executable, "-c", lint], cwd=ROOT, capture_output=True, text=True, check=False, timeout=120
     )
     assert done.returncode == 0, done.stdout + done.stderr
-    assert "0 broken" in done.stdout
+    assert "4 kept, 0 broken" in done.stdout
+
+
+# ---- what fits on a screen -------------------------------------------------------------------------------------------
+
+
+def test_a_newcomer_sees_few_modules_at_first():
+    modules = sorted(path.name for path in (ROOT / "pnp_sci").glob("*.py"))
+    assert len(modules) <= 14, modules
+
+
+def lengths_of_functions():
+    """Lines of every function, decorators and docstring included, by file and name."""
+    for package in PACKAGES:
+        for path in sorted((ROOT / package).rglob("*.py")):
+            for node in ast.walk(ast.parse(path.read_text(encoding="utf-8"))):
+                if isinstance(node, (ast.FunctionDef, ast.AsyncFunctionDef)):
+                    first = min([node.lineno, *(decorator.lineno for decorator in node.decorator_list)])
+                    yield f"{path.relative_to(ROOT)}:{node.name}", node.end_lineno - first + 1
+
+
+def test_functions_fit_on_a_screen():
+    long = {name: length for name, length in lengths_of_functions() if length > 80}
+    assert not long
+
+
+def test_the_help_of_solve_fits_on_two_screens():
+    import pnp_sci
+
+    text = io.StringIO()
+    with contextlib.redirect_stdout(text):
+        help(pnp_sci.solve)
+    assert "time_budget" in text.getvalue()
+    assert len(text.getvalue().splitlines()) <= 60

@@ -183,7 +183,7 @@ class Result:
 def _in_words(plan: dict[str, Any]) -> str:
     """A plan as :meth:`pnp_sci.solvers.plan.Plan.describe` gives it, in a line."""
     ends = [*(turn["from"] for turn in plan["serves"][1:]), plan["iterations"]]
-    turns = [f"{turn['prior'].partition('(')[0]} to iteration {end} at most" for turn, end in zip(plan["serves"], ends)]
+    turns = [f"{turn['name']} to iteration {end} at most" for turn, end in zip(plan["serves"], ends)]
     first, last = plan["sigma"]
     sigma = f"sigma {first:.3g}" if first == last else f"sigma falling from {first:.3g} to {last:.3g}"
     return f"{plan['algorithm']}: {', then '.join(turns)}; {sigma}, rho {plan['rho']:.3g}"

@@ -34,7 +34,6 @@ class SceneNumbers(Tuned):
     per_frame: int = 3  # iterations of a quick estimate for each frame of all views
     perhaps: float = 1.2  # largest ratio, early; its inverse at the end of quick estimates
     carefully: float = 1.6  # largest ratio of careful estimates
-    saturated: float = 0.01  # part of y above which saturated pixels leave no random choice
 
 
 TUNED = SceneNumbers()
@@ -113,8 +112,8 @@ class _Comparison:
         self.problem, self.until, self.look = problem, until, look
         self.hidden = np.random.default_rng(0).random(problem.y.shape) < TUNED.held_back
         self.seen = ~self.hidden
-        # with few saturated pixels the held-back ones are still a random choice
-        self.by_chance = problem.saturated is None or problem.saturated.mean() < TUNED.saturated
+        # if fewer pixels are saturated than held back, the held-back ones are still a random choice
+        self.by_chance = problem.saturated is None or problem.saturated.mean() < TUNED.held_back
         if problem.saturated is not None:
             self.hidden, self.seen = self.hidden & ~problem.saturated, self.seen & ~problem.saturated
         self._known: dict[SceneModel, tuple[np.ndarray, np.ndarray]] = {}

@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 
 from pnp_sci._tuned import Tuned
-from pnp_sci.plugins.combine import Stages, Turn, serving, turns
+from pnp_sci.plugins.combine import Joint, Stages, Turn, serving, turns
 from pnp_sci.plugins.protocols import Prior
 from pnp_sci.sensing.operator import SensingOperator
 from pnp_sci.solvers.schedule import Schedule, contrast, schedule_for
@@ -22,6 +22,7 @@ class EffortNumbers(Tuned):
     plain: int = 100  # iterations of a plain prior, balanced; half as many fast, twice as many for the best
     fast: int = 20  # calls of a strong prior after its warm-up
     balanced: int = 30
+    per_frame: float = 1.5  # ... for each frame of all views, where that is more, but not more than the best effort
     best: int = 50
 
 
@@ -67,7 +68,7 @@ class Plan:
         """For `Result.settings`, as JSON can hold it."""
         return {
             "algorithm": self.algorithm,
-            "serves": [{"prior": repr(turn.prior), "from": turn.begins} for turn in self.serves],
+            "serves": [{"name": _name(t.prior), "prior": repr(t.prior), "from": t.begins} for t in self.serves],
             "sigma": [self.schedule.first, self.schedule.last],
             "rho": float(np.mean(self.schedule.at(self.iterations)[1])),
             "iterations": self.iterations,
@@ -112,5 +113,12 @@ def enough(prior: Prior, shape: Sequence[int], effort: str, schedule: Schedule) 
     traits = prior.traits(tuple(shape))
     if not traits.strong:
         return round(EFFORTS[effort] * TUNED.plain)
-    calls = {"fast": TUNED.fast, "balanced": TUNED.balanced, "best": TUNED.best}[effort]
-    return (traits.warmup[1] if traits.warmup else 0) + schedule.enough(calls)
+    frames = shape[0] * shape[1]
+    balanced = min(max(round(TUNED.per_frame * frames), TUNED.balanced), TUNED.best)
+    calls = {"fast": TUNED.fast, "balanced": balanced, "best": TUNED.best}[effort]
+    return (traits.warmup[1] if traits.warmup else 0) + schedule.enough(TUNED.fast, calls)
+
+
+def _name(prior: Prior) -> str:
+    """A word for a prior: its class, or those of its members."""
+    return " + ".join(map(_name, prior.members)) if isinstance(prior, Joint) else type(prior).__name__

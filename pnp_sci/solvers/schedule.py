@@ -22,8 +22,7 @@ class ScheduleNumbers(Tuned):
     loud: float = 0.03  # noise in a pixel of x at which fewer frames have half of their larger balance
     softest: float = 0.15  # largest rho at the beginning, in units of the mean gram
     fall: int = 40  # iterations in which sigma falls that noise has raised
-    enough: int = 20  # calls of a strong prior that are of use with strong noise
-    more: int = 60  # calls that are of use beyond those with weak noise
+    more: int = 60  # calls of a strong prior that weak noise leaves of use, beyond those of the fast effort
 
 
 TUNED = ScheduleNumbers()
@@ -59,14 +58,14 @@ class Schedule:
     first: float
     last: float
 
-    def enough(self, most: int) -> int:
-        """How many calls of a strong prior to plan, `most` at most: all without noise, fewer the more noise there is.
+    def enough(self, fast: int, most: int) -> int:
+        """How many of `most` calls of a strong prior are of use: all without noise, those of a `fast` effort with much.
 
         Without noise PSNR rises with every call. With noise a strong prior begins to turn noise into texture.
         """
         if not np.any(self.product):
             return most
-        return min(most, round(TUNED.enough + TUNED.more * (TUNED.sigma / max(self.last, TUNED.sigma)) ** 4))
+        return min(most, round(fast + TUNED.more * (TUNED.sigma / max(self.last, TUNED.sigma)) ** 4))
 
     def at(self, iteration: int) -> tuple[float, float | np.ndarray]:
         """sigma and rho of an iteration, counted from 0."""

@@ -26,6 +26,7 @@ class MotionNumbers(Tuned):
     drift: float = 1.5  # pixels between going there and back along the flow at which a neighbour counts 1/e
     blur: float = 0.7  # pixels: standard deviation of the Gaussian before the flow search
     steps: int = 8  # iterations of gradient descent per patch
+    smoothings: int = 1  # iterations of variational refinement of the flow
     stride: int = 4  # pixels from patch to patch
     halved: float = 0.7  # factor on the tolerance for frames of half the height and width
     smooth: float = 1.3  # ratio of squared differences up to which the smoothed flow replaces the pixel's own
@@ -152,7 +153,7 @@ def _searched(view: np.ndarray, pairs: np.ndarray, half: tuple[int, ...], before
         dis = cv2.DISOpticalFlow.create(cv2.DISOPTICAL_FLOW_PRESET_MEDIUM)
         scale, side = dis.getFinestScale(), dis.getPatchSize()
         dis.setGradientDescentIterations(TUNED.steps)
-        dis.setVariationalRefinementIterations(0)
+        dis.setVariationalRefinementIterations(TUNED.smoothings)
         for p in np.flatnonzero(pairs[:, 0] == b):
             dis.setFinestScale(scale)  # OpenCV changes these three for small pictures
             dis.setPatchSize(side)

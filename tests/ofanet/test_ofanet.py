@@ -1,21 +1,16 @@
-"""OFaNet: its layers against the paper's table, its variants, its input, and what comes out of decode and solve."""
+"""OFaNet: its layers against the paper's table, its variants, its input, and the files of its weights."""
 
 import numpy as np
 import pytest
 from scipy.ndimage import gaussian_filter
+from untrained import make, measured
 
-import pnp_sci
-from pnp_sci.bench import compare, grid
 from pnp_sci.errors import DataUnavailableError, FormatError, InputError
-from pnp_sci.plugins import registry
 
 torch = pytest.importorskip("torch")
 pytest.importorskip("safetensors")
-fusion = pytest.importorskip("pnp_sci.accel.fusion")
-half_precision = pytest.importorskip("pnp_sci.accel.inference").half_precision
 amplifier = pytest.importorskip("ofanet_init.amplifier")
 config = pytest.importorskip("ofanet_init.config")
-decoder = pytest.importorskip("ofanet_init.decoder")
 flow = pytest.importorskip("ofanet_init.flow")
 network = pytest.importorskip("ofanet_init.network")
 refine = pytest.importorskip("ofanet_init.refine")
@@ -35,22 +30,6 @@ VARIANTS = {
     "two passes": {"passes": 2},
     "BRRN, two passes": {"refine": "birecurrent", "passes": 2},
 }
-
-
-def make(**fields):
-    """An untrained model whose layers all do something."""
-    torch.manual_seed(0)
-    model = network.OFaNet(config.OFaNetConfig(**{"frames": 4} | fields))
-    for layer in (*(model.flow.predict if model.flow else ()), *(net.cell.r[-1] for net in model.refiners)):
-        torch.nn.init.normal_(layer.weight, std=0.1)
-    return model.eval()
-
-
-def measured(views=2, frames=4, rows=20, columns=26, seed=0):
-    random = np.random.default_rng(seed)
-    masks = torch.from_numpy((random.random((1, views, frames, rows, columns)) < 0.5).astype(np.float32))
-    truth = torch.from_numpy(random.random((1, views, frames, rows, columns), np.float32))
-    return (masks * truth).sum((1, 2)), masks
 
 
 def outputs(module, *arguments):
@@ -249,184 +228,6 @@ def test_flow_net_takes_any_size():
     net = make().flow
     frames = torch.rand(2, 1, 20, 26)
     assert net.flow(frames, frames.flip(0)).shape == (2, 2, 20, 26)
-
-
-# what decode and solve make of it
-
-
-@pytest.fixture
-def trained(tmp_path, monkeypatch):
-    """A folder of weights for 2 views of 4 frames, in place of the package's."""
-    weights.save(tmp_path / "v2b4.safetensors", make())
-    monkeypatch.setattr(weights, "FOLDER", tmp_path)
-    decoder._network.cache_clear()
-    yield tmp_path
-    decoder._network.cache_clear()
-
-
-@pytest.fixture(scope="module")
-def small():
-    return pnp_sci.datasets.embedded_scene(48)
-
-
-@pytest.fixture
-def case(small):
-    masks = small.masks[:, :4]
-    return pnp_sci.simulate(small.truth[:, :4], masks), masks
-
-
-@pytest.mark.parametrize("model", ["ofanet", "ofanet-fast"])
-@pytest.mark.parametrize("factor", [1e-6, 3.0, 1e6])
-def test_decode_scales_with_the_measurement(trained, case, model, factor):
-    y, masks = case
-    x, scaled = (pnp_sci.decode(a * y, masks, model=model).x for a in (1.0, factor))
-    assert x.shape == masks.shape
-    assert np.allclose(scaled, factor * x, atol=2e-2 * factor * np.abs(x).max())
-
-
-@pytest.mark.parametrize("model", ["ofanet", "ofanet-fast"])
-def test_fused_or_not_it_decodes_the_same(trained, case, model, monkeypatch):
-    outs, could = [], fusion._can_fuse
-    for possible in (True, False):
-        monkeypatch.setattr(fusion, "_can_fuse", lambda dtype, possible=possible: possible and could(dtype))
-        decoder._network.cache_clear()
-        outs.append(pnp_sci.decode(*case, model=model).x)
-        modules = decoder._network(2, 4, torch.device("cpu")).modules()
-        half = half_precision(torch.device("cpu"))
-        fused = any(isinstance(module, fusion.Fused) for module in modules)
-        assert fused == (possible and could(torch.bfloat16 if half else torch.float32))
-    assert np.abs(outs[0] - outs[1]).mean() < 0.02 * np.abs(outs[0]).mean()
-
-
-@pytest.mark.parametrize(("noise", "passes"), [(0, 2), (0.1, 1)])
-def test_a_noisy_measurement_is_refined_once(trained, monkeypatch, small, noise, passes):
-    weights.save(trained / "v2b10.safetensors", make(frames=10, passes=2))
-    seen, refined = [], network.OFaNet._refined
-    monkeypatch.setattr(network.OFaNet, "_refined", lambda *given: seen.append(1) or refined(*given))
-    pnp_sci.decode(pnp_sci.simulate(small.truth, small.masks, noise), small.masks, model="ofanet")
-    assert len(seen) == passes
-
-
-@pytest.mark.parametrize("kind", [np.uint8, np.float64])
-def test_decode_takes_masks_of_any_type_and_scale(trained, case, kind):
-    y, masks = case
-    x = pnp_sci.decode(y, masks, model="ofanet-fast").x
-    other = pnp_sci.decode(100 * y, masks.astype(kind) * kind(100), model="ofanet-fast").x
-    assert np.allclose(other, x, atol=2e-2 * np.abs(x).max())
-
-
-def test_missing_weights_are_named(trained, small):
-    with pytest.raises(InputError, match=r"2 x 10 frames.*2 x 4"):
-        pnp_sci.decode(small.y, small.masks, model="ofanet")
-
-
-def test_negative_masks_are_refused(trained, case):
-    y, masks = case
-    with pytest.raises(InputError, match="negative"):
-        pnp_sci.decode(y, masks - 0.5, model="ofanet")
-
-
-def test_unusable_device_is_named(trained, case):
-    with pytest.raises(InputError, match="device"):
-        pnp_sci.decode(*case, model="ofanet", device="nonsense")
-
-
-def test_nothing_is_refined_where_nothing_moves(trained, small, case, monkeypatch):
-    y, masks = case
-    still = np.repeat(small.truth[:, :1], 4, axis=1)
-    monkeypatch.setattr(network.OFaNet, "_refined", lambda *_: pytest.fail("the refine net was called"))
-    x = pnp_sci.decode(pnp_sci.simulate(still, masks), masks, model="ofanet").x
-    assert np.ptp(x, axis=1).max() < 1e-6
-    with pytest.raises(pytest.fail.Exception):
-        pnp_sci.decode(y, masks, model="ofanet")
-
-
-def test_a_missing_refine_net_is_said(case, tmp_path, monkeypatch, caplog):
-    weights.save(tmp_path / "v2b4.safetensors", make(refine="none"))
-    monkeypatch.setattr(weights, "FOLDER", tmp_path)
-    decoder._network.cache_clear()
-    whole, fast = (pnp_sci.decode(*case, model=model).x for model in ("ofanet", "ofanet-fast"))
-    decoder._network.cache_clear()
-    assert np.array_equal(whole, fast)
-    assert "no refine net for 2 x 4" in caplog.text
-
-
-def test_shipped_weights_start_well():
-    """Ten iterations from the trained separator are better than ten from nothing, on a scene it has never seen."""
-    scene = pnp_sci.datasets.embedded_scene(96)
-    warm, cold = (
-        pnp_sci.solve(scene.y, scene.masks, init=init, iterations=10, reference=scene.truth).history[-1].psnr
-        for init in ("ofanet-fast", "adjoint")
-    )
-    assert warm > cold + 1
-
-
-@pytest.mark.parametrize("init", ["ofanet", "ofanet-fast"])
-def test_warm_start(trained, case, init):
-    y, masks = case
-    start = pnp_sci.decode(y, masks, model=init)
-    result = pnp_sci.solve(y, masks, init=init, iterations=5)
-    assert result.settings["init"] == init
-    assert result.history[0].residual == pytest.approx(start.history[0].residual, rel=1e-3)
-    assert result.status.ok
-
-
-def learned(x, sigma):
-    return x.copy()
-
-
-learned.learned = True
-
-
-@pytest.mark.parametrize(
-    ("frames", "prior", "lowest", "init"),
-    [(4, learned, 0, "ofanet-fast"), (4, "tv", 0, "adjoint"), (3, learned, 0, "adjoint"), (4, learned, -1, "adjoint")],
-    ids=["learned prior", "another", "no weights", "masks that the network cannot take"],
-)
-def test_first_estimate_that_is_chosen(trained, frames, prior, lowest, init):
-    rng = np.random.default_rng(0)
-    masks = rng.uniform(lowest, 1, (2, frames, 32, 32)).astype(np.float32)
-    y = np.stack([pnp_sci.simulate(rng.random(masks.shape, np.float32), masks) for _ in range(2)])
-    result = pnp_sci.solve(y, masks, prior, scene="full", iterations=3)
-    assert result.settings["init"] == init
-    assert np.array_equal(result.x, pnp_sci.solve(y, masks, prior, init, scene="full", iterations=3).x)
-    other = {"adjoint": "ofanet-fast", "ofanet-fast": "adjoint"}[init]
-    if lowest == 0 and frames == 4:
-        assert not np.allclose(result.x, pnp_sci.solve(y, masks, prior, other, scene="full", iterations=3).x)
-
-
-def test_damaged_weights_are_an_error_and_not_a_plain_start(case, tmp_path, monkeypatch):
-    (tmp_path / "v2b4.safetensors").write_text("no weights")
-    monkeypatch.setattr(weights, "FOLDER", tmp_path)
-    decoder._network.cache_clear()
-    with pytest.raises(FormatError, match="not a safetensors file"):
-        pnp_sci.solve(*case, learned, iterations=1)
-
-
-@pytest.mark.parametrize("rows", [70, 256, 301])
-def test_pictures_are_decoded_by_parts_without_a_seam(trained, monkeypatch, rows):
-    rng = np.random.default_rng(0)
-    masks = (rng.random((2, 4, rows, 32)) < 0.5).astype(np.float32)
-    y = pnp_sci.simulate(rng.random(masks.shape, np.float32), masks)
-    whole = pnp_sci.decode(y, masks, model="ofanet-fast").x
-    monkeypatch.setattr(decoder, "ROWS", 64)
-    assert np.abs(pnp_sci.decode(y, masks, model="ofanet-fast").x - whole).max() < 0.02 * np.ptp(whole)
-
-
-def test_a_learned_prior_is_scored_from_the_start_that_it_gets(trained, case, monkeypatch):
-    started = []
-    monkeypatch.setitem(registry._registered["priors"], "learned", lambda: learned)
-    inits = {"ofanet-fast": lambda op, y: started.append("network") or np.zeros(op.shape, op.dtype)}
-    monkeypatch.setitem(registry._registered, "inits", inits)
-    methods = grid(["learned", "tv"], iterations=2)
-    scored = compare(*case, methods)
-    assert len(started) == 2, "once for the score and once for the result, and never for tv"
-    assert [trial.result.settings["init"] for trial in scored.trials] == ["ofanet-fast", "adjoint"]
-
-
-def test_without_networks_the_first_estimate_is_a_plain_one(trained, case, monkeypatch):
-    monkeypatch.setattr("pnp_sci.plugins.resolve.NETWORK", "not installed")
-    assert pnp_sci.solve(*case, learned, iterations=2).settings["init"] == "adjoint"
 
 
 def test_weights_come_back(tmp_path):

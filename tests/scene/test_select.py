@@ -101,11 +101,12 @@ def test_what_is_compared_finds_nothing_still_by_itself(monkeypatch, scene, stil
     made = []
 
     def recorded(prior):
-        def make(first=60, still=True, **options):
-            made.append((prior, still))
-            return prior(still=still, **({"first": first} if prior is Flow else {}), **options)
+        class Recorded(prior):
+            def __post_init__(self):
+                super().__post_init__()
+                made.append((prior, self.still))
 
-        return make
+        return Recorded
 
     y = pnp_sci.simulate(still, scene.masks)
     for name, prior in (("tv", TV), ("flow", Flow)):

@@ -1,0 +1,157 @@
+"""The commands ``pnp-sci solve`` and ``pnp-sci simulate``."""
+
+import re
+from pathlib import Path
+
+import numpy as np
+import pytest
+from command_line import fails, run
+
+import pnp_sci.api
+from pnp_sci import io
+from pnp_sci.datasets import embedded_scene
+from pnp_sci.results.history import History, Status
+from pnp_sci.results.result import Result
+from pnp_sci.sensing.simulate import simulate
+
+
+def test_solve_writes_what_solve_returns(meas):
+    done = run("solve", meas, "--iterations", 5, "--out", "r.h5", "--video", "r.gif", "--reference", meas)
+    assert done.exit_code == 0, done.output
+    scene = embedded_scene(32)
+    expected = pnp_sci.api.solve(scene.y, scene.masks, iterations=5)
+    back = Result.load("r.h5")
+    assert np.allclose(back.x, expected.x, atol=1e-5)
+    assert back.history[-1].iteration == 5
+    assert io.read("r.gif").shape == (10, 32, 64)
+    assert re.search(r"View 2: PSNR [\d.]+ dB", done.output)
+    assert "Written: r.h5, r.gif" in done.output
+
+
+def test_solve_hands_on_every_option(monkeypatch, meas):
+    received = {}
+
+    def recorded(y, masks, prior, **options):
+        received.update(options, prior=prior)
+        return Result(np.ones(masks.shape), Status.CONVERGED, History(), {})
+
+    monkeypatch.setattr(pnp_sci.api, "solve", recorded)
+    arguments = (
+        "--prior tv:6,wavelet:2 --algorithm admm --init zeros --effort fast --iterations 8 --noise 0.01"
+        " --time-budget 2 --threads 2 --seed 3"
+    )
+    done = run("solve", meas, *arguments.split(), "--option", "inner=5", "--option", "mode=soft")
+    assert done.exit_code == 0, done.output
+    assert received == {
+        "prior": [("tv", 6), ("wavelet", 2)],
+        "algorithm": "admm",
+        "init": "zeros",
+        "effort": "fast",
+        "iterations": 8,
+        "noise": 0.01,
+        "time_budget": 2.0,
+        "threads": 2,
+        "seed": 3,
+        "device": None,
+        "reference": None,
+        "progress": False,
+        "inner": 5,
+        "mode": "soft",
+    }
+
+
+def test_several_measurements_and_one_of_them(here):
+    scene = embedded_scene(32)
+    truth = np.stack([scene.truth, scene.truth[:, ::-1]])
+    y = np.stack([simulate(x, scene.masks) for x in truth])
+    films = truth.swapaxes(0, 1).reshape(2, 20, 32, 32)
+    io.write("m.h5", {"y": y, "masks": scene.masks, "x": films})
+    both = run("solve", "m.h5", "--iterations", 3, "--reference", "m.h5")
+    assert both.exit_code == 0, both.output
+    assert Result.load("result.npz").x.shape == (2, 2, 10, 32, 32)
+    second = Result.load("result.npz").x[1]
+    one = run("solve", "m.h5", "--iterations", 3, "--index", 1, "--out", "one.npz", "--reference", "m.h5")
+    assert one.exit_code == 0, one.output
+    assert np.allclose(Result.load("one.npz").x, second, atol=1e-5)
+    assert "--index: 2 came" in fails(2, "solve", "m.h5", "--index", 2)
+    io.write("of_one.npz", {"x": truth[1]})
+    scored = run("solve", "m.h5", "--iterations", 3, "--index", 1, "--reference", "of_one.npz")
+    assert scored.output.splitlines()[1:3] == one.output.splitlines()[1:3], "View 1: PSNR ..."
+    again = run("solve", "m.h5", "--iterations", 3, "--reference", "result.npz", "--out", "again.npz")
+    assert again.exit_code == 1, "one video is no truth of two measurements"
+    run("solve", "m.h5", "--iterations", 3)
+    assert run("solve", "m.h5", "--iterations", 3, "--reference", "result.npz").exit_code == 0
+    io.write("three.npz", {"x": np.stack([truth[0]] * 3)})
+    assert "3 videos: one, or 2" in fails(1, "solve", "m.h5", "--index", 1, "--reference", "three.npz")
+    io.write("long.npz", {"x": films[:, :15]})
+    assert "reference has shape (2, 15, 32, 32)" in fails(1, "solve", "m.h5", "--reference", "long.npz")
+
+
+def test_scores_are_the_same_in_grey_levels(meas):
+    scene = embedded_scene(32)
+    grey = (255 * scene.truth).round().astype(np.uint8)
+    io.write("grey.npz", {"y": simulate(grey, scene.masks), "masks": scene.masks, "x": grey})
+    scores = []
+    for file in (meas, "grey.npz"):
+        output = run("solve", file, "--iterations", 5, "--reference", file).output
+        scores.append([float(number) for number in re.findall(r"View \d: PSNR ([\d.]+) dB", output)])
+    assert len(scores[0]) == 2
+    assert scores[1] == pytest.approx(scores[0], abs=0.05)
+
+
+@pytest.mark.parametrize("masks", ["moving", "random"])
+def test_simulated_files_can_be_solved(here, masks):
+    scene = embedded_scene(32)
+    for view, film in enumerate(scene.truth, 1):
+        io.write_video(f"view{view}.avi", film)
+    done = run("simulate", "view1.avi", "view2.avi", "--masks", masks, "--frames", 6, "--noise", 0.01, "--bits", 12)
+    assert done.exit_code == 0, done.output
+    assert "2 views x 6 frames of 32 x 32" in done.output
+    truth, phi, y = io.read_video("meas.npz"), io.read_masks("meas.npz"), io.read_measurement("meas.npz")
+    assert truth == pytest.approx(scene.truth[:, :6], abs=0.003)
+    assert phi.shape == (2, 6, 32, 32)
+    assert set(np.unique(phi)) == {0, 1}
+    assert y == pytest.approx((phi * truth).sum((0, 1)), abs=0.05 * float(y.max()))
+    assert not np.array_equal(y, (phi * truth).sum((0, 1)))
+    assert run("solve", "meas.npz", "--iterations", 2).exit_code == 0
+
+
+def test_simulate_is_reproducible_and_takes_masks_from_a_file(meas):
+    for out in ("a.npz", "b.npz"):
+        assert run("simulate", meas, "--masks", meas, "--noise", 0.1, "--out", out).exit_code == 0
+    assert np.array_equal(io.read("a.npz", "y"), io.read("b.npz", "y"))
+    assert np.array_equal(io.read("a.npz", "masks"), io.read(meas, "masks"))
+    assert run("simulate", meas, "--masks", meas, "--out", "c.npz").exit_code == 0
+    assert np.array_equal(io.read("c.npz", "y"), io.read(meas, "y"))
+
+
+def test_videos_that_do_not_fit_are_named(here):
+    io.write_video("a.avi", np.zeros((4, 32, 32)))
+    io.write_video("b.avi", np.zeros((4, 32, 16)))
+    assert "b.avi has 4 frames of 32 x 16: 4 of 32 x 32 were expected" in fails(1, "simulate", "a.avi", "b.avi")
+    assert "frames is 9, but a.avi has 4" in fails(1, "simulate", "a.avi", "--frames", 9)
+
+
+def test_simulate_takes_no_grey_levels_of_unknown_scale(here):
+    grey = np.arange(2 * 8 * 8).reshape(2, 8, 8)
+    io.write("big_endian.npy", grey.astype(">u2"))
+    assert run("simulate", "big_endian.npy", "--out", "big.npz").exit_code == 0
+    io.write("several.npz", {"x": np.zeros((3, 2, 4, 8, 8))})
+    assert "several.npz holds the videos of 3 measurements" in fails(1, "simulate", "several.npz", "--out", "m.npz")
+    for name, video, message in (
+        ("f", grey.astype(float), "video has values up to 127: floats in [0, 1]"),
+        ("i", grey, "video has dtype int64: floats in [0, 1], uint8 or uint16"),
+    ):
+        io.write(f"{name}.npy", video)
+        assert message in fails(1, "simulate", f"{name}.npy", "--out", "m.npz")
+    assert not Path("m.npz").exists()
+
+
+def test_the_camera_on_the_command_line(meas, tmp_path):
+    words = "--noise", 0.1, "--gain", 0.01, "--full-scale", 6, "--bits", 8
+    for command, out in (("solve", ("--out", tmp_path / "r.npz")), ("compare", ("--priors", "tv", "--iterations", 2))):
+        assert run(command, meas, *words, *out).exit_code == 0
+    settings = Result.load(tmp_path / "r.npz").settings
+    assert settings["sensor"] == {"read_noise": 0.1, "gain": 0.01, "full_scale": 6.0, "bits": 8}
+    assert "beside a gain" in fails(2, "solve", meas, "--gain", 1)
+    assert "full_scale is None" in fails(2, "compare", meas, "--noise", 1, "--bits", 8)
