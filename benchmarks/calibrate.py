@@ -1,10 +1,10 @@
-"""Sweeps of the tuned numbers: what each costs, in dB, if it is halved, doubled or switched off.
+"""Sweeps of the tuned numbers: change of PSNR in dB if a number is halved, doubled or switched off.
 
-    PNP_SCI_DATA=... python benchmarks/calibrate.py priors.flow  # those of a module; or one: priors.flow.grain
+    PNP_SCI_DATA=DIR python benchmarks/calibrate.py priors.flow  # numbers of a module, or one: priors.flow.grain
     python benchmarks/calibrate.py --list  # all tuned numbers, and how many there are
 
-The cases are crops of 128 x 128 pixels of validation clips (:func:`pnp_sci.training.clips.split`), on which no network
-was trained. The three pairs of the benchmark are not among them. Each number has a row in docs/calibration.
+The cases are crops of 128 x 128 pixels of validation clips (:func:`pnp_sci.training.clips.split`), whose scenes are not
+in the training set. The three benchmark pairs are not used. Each number has a row in docs/calibration.
 """
 
 import importlib
@@ -24,9 +24,9 @@ import numpy as np
 
 ROOT = Path(__file__).parents[1]
 PAGES = ROOT / "docs" / "calibration"
-SIZE = 128
+SIZE = 128  # pixels per side of a case
 OPTIONS = {"priors.flow.Flow": ("tolerance",), "pnp_sci.api.solve": ("tol",)}  # numbers that are options
-# Methods that a module serves, and the kinds of cases: moving scenes, noise, still scenes, or what is modelled of them
+# Methods that depend on a module, and the kinds of cases: moving scenes, noise, still scenes, choice of the scene model
 ALL, FAST = ("tv", "flow", "video"), ("tv", "flow")
 SERVES = {
     "pnp_sci.solvers.schedule": (ALL, "noise"),
@@ -59,7 +59,7 @@ OFF = json.loads((Path(__file__).parent / "calibrate_off.json").read_text())  # 
 
 @dataclass(frozen=True)
 class Case:
-    """A scene: indices of validation clips, frames, noise in parts of max(y), whether the first frame stands still."""
+    """A scene: indices of validation clips, frames, noise of max(y), and whether the first frame is repeated."""
 
     kind: str
     clips: tuple[int, ...]
@@ -100,7 +100,7 @@ def _crop(film, count):
 
 
 def validation_clips():
-    """Central frames of the validation clips; from a file where there is one, since decoding takes a while."""
+    """Frames of the validation clips; from the file PNP_SCI_VALIDATION if it is given, which saves the decoding."""
     file = os.environ.get("PNP_SCI_VALIDATION")
     if file:
         return list(np.load(file).values())
@@ -135,7 +135,7 @@ def _object(path):
 
 
 def alternatives(name, value):
-    """What a number is compared with: half, double, and off where that is known."""
+    """Alternative values of a number: half, double, and off if calibrate_off.json has it."""
     off = {"off": OFF[name]} if name in OFF else {}
     if isinstance(value, tuple):
         return {"half": tuple(v / 2 for v in value), "double": tuple(2 * v for v in value)}
@@ -146,7 +146,7 @@ def alternatives(name, value):
 
 @contextmanager
 def changed(name, value):
-    """Meanwhile a tuned number has another value."""
+    """Context in which a tuned number has another value."""
     if name is None:
         yield
         return
@@ -180,7 +180,7 @@ _clips = []
 
 
 def prepare():
-    """A worker computes with one thread."""
+    """Prepare a worker: one thread, and the validation clips."""
     import numba
 
     numba.set_num_threads(1)
@@ -188,7 +188,7 @@ def prepare():
 
 
 def measure(name, value, method, effort, case):
-    """PSNR in dB, the mean over the views, and seconds."""
+    """PSNR in dB, mean over the views, and seconds."""
     import pnp_sci
 
     y, masks, truth = case.load(_clips)
@@ -204,7 +204,7 @@ def measure(name, value, method, effort, case):
 
 
 def tasks(names, values):
-    """Everything to measure: (name, value, method, effort, case), the baselines with no name first."""
+    """All measurements: (name, value, method, effort, case); the baselines, without a name, come first."""
     wanted = []
     for name in names:
         module = next(m for m in sorted(SERVES, key=len, reverse=True) if name.startswith(m + "."))
@@ -220,7 +220,7 @@ def tasks(names, values):
 
 
 def sweep(names, values, jobs, log):
-    """Measure all tasks; rows are appended to `log`, and those that are there are not measured again."""
+    """Measure all tasks that are not in `log` yet, and append them to it."""
     done = {}
     if log.is_file():
         for line in log.read_text().splitlines():
@@ -242,7 +242,7 @@ def sweep(names, values, jobs, log):
 
 
 def changes(name, value, measured):
-    """For each alternative: its value, mean and worst change of PSNR in dB, and the ratio of seconds."""
+    """For each alternative: value, mean and worst change of PSNR in dB, and ratio of seconds."""
     rows = {}
     for label, other in alternatives(name, value).items():
         psnr, seconds = [], []
@@ -257,7 +257,7 @@ def changes(name, value, measured):
 
 
 def write(names, values, measured):
-    """Renew the rows of these numbers on their pages."""
+    """Write the rows of these numbers to their pages in docs/calibration."""
     PAGES.mkdir(parents=True, exist_ok=True)
     for module in dict.fromkeys(owner_of(name) for name in names):
         page = PAGES / f"{module}.md"
@@ -279,7 +279,7 @@ def write(names, values, measured):
 
 
 def owner_of(name):
-    """The module of a number, also if it is an option of a prior."""
+    """The module of a number, which may be an option of a prior."""
     owner = name.rpartition(".")[0]
     return owner.rpartition(".")[0] if owner in OPTIONS else owner
 
@@ -309,7 +309,7 @@ def _cell(row):
 @click.option("--jobs", default=2, show_default=True, help="Processes.")
 @click.option("--log", type=click.Path(path_type=Path), default=Path("runs/calibration.jsonl"), show_default=True)
 def main(names, listed, jobs, log):
-    """Sweep the numbers NAMES (modules or single ones) and renew their tables in docs/calibration."""
+    """Sweep the numbers NAMES (modules or single numbers) and rewrite their tables in docs/calibration."""
     values = tuned_numbers()
     if listed:
         for name, value in values.items():

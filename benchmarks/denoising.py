@@ -16,11 +16,12 @@ import numpy as np
 from skimage.restoration import denoise_nl_means
 
 import pnp_sci
+from pnp_sci.plugins.protocols import Prior
 from pnp_sci.training.clips import load_clips, split
 from priors.bm3d import BM3D
-from priors.ffdnet import FFDNet
+from priors.networks.along_motion import VideoNet
+from priors.networks.image import ImageNet
 from priors.tv import TV
-from priors.video import VideoDenoiser
 from priors.wavelet import Wavelet
 
 LEVELS = (5, 15, 25, 40)  # of 255
@@ -39,6 +40,11 @@ def alone(denoise):
     return run
 
 
+def ready(candidate, x):
+    """A function (x, sigma): a new session of a prior, or a denoiser itself."""
+    return candidate.begin(x.shape, x.dtype) if isinstance(candidate, Prior) else candidate
+
+
 def non_local_means(picture, sigma):
     return denoise_nl_means(picture, patch_size=5, patch_distance=9, h=0.6 * sigma, sigma=sigma, fast_mode=True)
 
@@ -47,10 +53,10 @@ METHODS = {  # candidates, of which the best counts, and frames that a call deno
     "tv, best strength": ([TV(strength=s, time=0, inner=100) for s in STRENGTHS], 10),
     "tv along time too, best": ([TV(strength=s, time=1, inner=100) for s in STRENGTHS], 10),
     "wavelet, best strength": ([Wavelet(strength=s) for s in STRENGTHS], 10),
-    "bm3d": ([BM3D(first=0)], 10),
+    "bm3d": ([BM3D()], 10),
     "non-local means": ([alone(non_local_means)], 1),
-    "ffdnet": ([FFDNet()], 10),
-    "video": ([VideoDenoiser()], 10),
+    "ffdnet": ([ImageNet()], 10),
+    "video": ([VideoNet()], 10),
 }
 if find_spec("bm3d"):
     import bm3d
@@ -66,15 +72,15 @@ def main():
         clean.append(clip.frames[None, :10, top : top + 256, left : left + 256].astype(np.float32) / 255)
     print(f"| sigma (of 255) | {' | '.join(map(str, LEVELS))} | ms a frame |\n|---|{'---|' * (len(LEVELS) + 1)}")
     for name, (candidates, frames) in METHODS.items():
-        candidates[0](clean[0], 0.1)  # compile and load
+        ready(candidates[0], clean[0])(clean[0], 0.1)  # compile and load
         row, seconds = [], []
         for level in LEVELS:
             scores = []
             for x in clean:
                 noise = np.random.default_rng(0).standard_normal(x.shape, np.float32)
                 noisy, best = x + noise * np.float32(level / 255), -np.inf
-                for denoise in candidates:
-                    getattr(denoise, "reset", lambda: None)()
+                for candidate in candidates:
+                    denoise = ready(candidate, x)
                     begin = time.perf_counter()
                     out = denoise(noisy, level / 255)
                     seconds.append((time.perf_counter() - begin) / frames)

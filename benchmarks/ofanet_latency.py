@@ -18,6 +18,8 @@ from ofanet_init import files as _weights
 from ofanet_init.decoder import ofanet, ofanet_fast
 from pnp_sci.accel.inference import ready, running, usable
 from pnp_sci.sensing.operator import SensingOperator
+from pnp_sci.sensing.problem import Problem
+from pnp_sci.sensing.scene_model import full
 
 LAPS = 10
 
@@ -36,14 +38,15 @@ def main(device):
     place = usable(device)
     scene = pnp_sci.datasets.embedded_scene(256)
     op, y = SensingOperator(scene.masks.astype(np.float32)), scene.y.astype(np.float32)
+    problem, model = Problem(op, y, unit=1.0, noise=0.0), full(op)
     network = ready(_weights.load(_weights.FOLDER / "v2b10.safetensors")[0], place)
     tensors = [torch.from_numpy(a)[None].to(place) for a in (y, op.masks)]
     calls = {
         "network, DA&DNS": partial(network, *tensors, refine=False),
         "network, 1 pass of refine net": partial(network, *tensors, passes=1),
         "network, 2 passes": partial(network, *tensors, passes=2),
-        "decoder ofanet-fast": partial(ofanet_fast, op, y, device=device),
-        "decoder ofanet": partial(ofanet, op, y, device=device),
+        "decoder ofanet-fast": partial(ofanet_fast(device), problem, model),
+        "decoder ofanet": partial(ofanet(device), problem, model),
     }
     # without the first two rounds, which load weights and compile kernels
     laps = np.array([[milliseconds(call, place) for call in calls.values()] for _ in range(2 + LAPS)])[2:]

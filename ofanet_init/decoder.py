@@ -27,7 +27,7 @@ _log = logging.getLogger("pnp_sci")
 
 @dataclass(frozen=True)
 class DecoderNumbers(Tuned):
-    """How the network's units and errors relate to those of the problem."""
+    """Scaling from the problem's units to those of the network."""
 
     brightness: float = 0.8  # value of the problem's unit in units of the training clips, in which white is 1
 
@@ -39,21 +39,21 @@ TUNED = DecoderNumbers()
 class OFaNetDecoder(Decoder):
     """OFaNet as a decoder: separator, optical flow and recurrent refine net.
 
-    The network's video is moved to the nearest one that measures y, as far as the noise allows: in the mean that can
-    only bring it closer to the scene. Where the scene model says that nothing moves, the separator's frames are
-    averaged instead. Where the measurement is noisy, flow and refine net go over the video but once.
+    The network's video is projected onto the videos that measure y, as far as the noise allows. Where the scene model
+    says that nothing moves, the frames of the separator are averaged instead. With strong noise, flow and refine net
+    make one pass over the video.
 
     Parameters
     ----------
     refine : bool
-        Whether flow and refine net serve after the separator. Where the weights hold none, a warning is logged.
+        Whether flow and refine net follow the separator. Where the weights hold none, a warning is logged.
     device : str, optional
         Such as "cuda"; by default the CPU.
 
-    Notes
-    -----
-    After Lu et al., dual-view snapshot compressive imaging via optical flow aided recurrent neural network; trained
-    anew, see the model card beside the weights.
+    References
+    ----------
+    R. Lu et al., "Dual-view snapshot compressive imaging via optical flow aided recurrent neural network", IJCV (2021).
+    The weights are our own, see the model card beside them.
     """
 
     refine: bool = True

@@ -63,7 +63,7 @@ class Session(Protocol):
         ...
 
     def finish(self, x: np.ndarray, sigma: float) -> np.ndarray:
-        """What the solver returns in the place of its last estimate x (V, B, H, W); by default x itself."""
+        """What the solver returns instead of its last estimate x (V, B, H, W); by default x itself."""
         return x
 
     def facts(self) -> Mapping[str, Any]:

@@ -14,9 +14,9 @@ BLOCK = 8  # pixels per side of a block
 
 @dataclass(frozen=True)
 class NoiseNumbers(Tuned):
-    """Which blocks of pixels decide."""
+    """Parameters of the estimate."""
 
-    quantile: float = 0.02  # of the residual variances of blocks: the flattest ones decide
+    quantile: float = 0.02  # quantile of the residual variances of the blocks
 
 
 TUNED = NoiseNumbers()

@@ -22,10 +22,10 @@ LOUDEST = 1e6  # of max |y|: upper bound of the noise, whose square must be fini
 
 @dataclass(frozen=True)
 class UnitNumbers(Tuned):
-    """The unit in which the video spans about [0, 1]."""
+    """Parameters of the estimate of the video's unit."""
 
-    white: float = 0.999  # quantile of y over the sum of the masks that counts as 1
-    width: float = 1.5  # pixels, of the Gaussian that smooths both
+    white: float = 0.999  # quantile of y / (sum of the masks) that is the unit
+    width: float = 1.5  # pixels: standard deviation of the Gaussian that smooths y and the sum
 
 
 TUNED = UnitNumbers()

@@ -29,7 +29,7 @@ class RunningMean:
         self.count, self.mean = 0, None
 
     def __call__(self, state: State, averages: bool) -> State:
-        """The state with the mean in the place of its estimate; the state itself while nothing is averaged."""
+        """The state with the mean instead of its estimate; the state itself while nothing is averaged."""
         self.count = self.count + 1 if averages else 0
         share = (TUNED.power + 1) / (self.count + TUNED.power)
         self.mean = _mixed(self.mean, state, share) if self.mean is not None and self.count > 1 else state

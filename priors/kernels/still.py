@@ -14,7 +14,7 @@ HARDLY = 0.02  # largest probability of a row that is skipped, to save time
 
 @dataclass(frozen=True)
 class StillNumbers(Tuned):
-    """The limit for dark pixels: dark objects that move change x little."""
+    """Parameter of the limit for dark pixels, because moving dark objects change x little."""
 
     bright: float = 0.5  # mean along time below which the limit is proportional to the mean
 

@@ -22,8 +22,8 @@ SMALLEST = 32  # pixels: smallest height and width for optical flow
 class MotionNumbers(Tuned):
     """Parameters of the flow search and of the weights."""
 
-    neighbours: int = 3  # frames either side that help a frame
-    drift: float = 1.5  # pixels between going there and back along the flow at which a neighbour counts 1/e
+    neighbours: int = 3  # frames on either side that a frame is averaged with
+    drift: float = 1.5  # pixels: forward-backward error of the flow at which the weight is 1/e
     blur: float = 0.7  # pixels: standard deviation of the Gaussian before the flow search
     steps: int = 8  # iterations of gradient descent per patch
     smoothings: int = 1  # iterations of variational refinement of the flow

@@ -24,6 +24,8 @@ from pnp_sci.results import storage
 from pnp_sci.results.history import History, Record, Status
 from pnp_sci.results.result import Result
 
+pytest_plugins = "with_files"
+
 
 def test_help_is_quick_and_names_every_command():
     seconds = []

@@ -9,6 +9,8 @@ from command_line import fails, run
 
 from pnp_sci.plugins import registry
 
+pytest_plugins = "with_files"
+
 
 def test_info_reports_on_arrays_masks_and_results(meas):
     done = run("info", meas)

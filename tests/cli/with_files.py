@@ -1,4 +1,4 @@
-"""Folders and files for the commands."""
+"""Fixtures of folders and files for the commands, as a plugin of pytest."""
 
 import pytest
 
