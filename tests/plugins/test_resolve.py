@@ -9,6 +9,7 @@ from made_priors import Made
 import pnp_sci
 from pnp_sci import Decoder, Prior
 from pnp_sci.errors import InputError, InputTypeError, UnknownPluginError
+from pnp_sci.plugins import registry
 from pnp_sci.plugins.combine import FunctionPrior, Joint, Stages
 from pnp_sci.plugins.resolve import FunctionDecoder
 from priors.tv import TV
@@ -133,7 +134,8 @@ def test_what_stands_for_no_decoder(thing):
         pnp_sci.as_decoder(thing)
 
 
-def test_options_of_a_decoder_go_with_its_name():
+def test_options_of_a_decoder_go_with_its_name(monkeypatch):
+    monkeypatch.setattr(registry, "_registered", {"priors": {}, "decoders": {}})
     pnp_sci.register_decoder("constant", lambda grey=0.5: lambda problem, scene: np.full(problem.op.shape, grey))
     scene = pnp_sci.datasets.embedded_scene(16)
     result = pnp_sci.decode(scene.y, scene.masks, "constant", grey=0.25)

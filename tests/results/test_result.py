@@ -108,7 +108,10 @@ def test_plots_refuse_what_they_cannot_show():
 
 PLAN = {
     "algorithm": "gap",
-    "serves": [{"prior": "TV(strength=1.0)", "from": 0}, {"prior": "Flow(first=60)", "from": 60}],
+    "serves": [
+        {"name": "TV", "prior": "TV(strength=1.0)", "from": 0},
+        {"name": "Flow", "prior": "Flow(first=60)", "from": 60},
+    ],
     "sigma": [0.08, 0.05],
     "rho": 0.25,
     "iterations": 90,

@@ -8,6 +8,7 @@ from made_priors import Made, answering
 
 import pnp_sci
 from pnp_sci import SensingOperator, Traits, datasets, solve
+from pnp_sci.plugins import registry
 from pnp_sci.plugins.combine import Joint, Stages
 from pnp_sci.solvers.plan import make_plan
 from priors.flow import Flow
@@ -50,11 +51,12 @@ def test_a_joint_prior_is_strong_where_a_member_is():
 
 def test_more_frames_take_a_strong_prior_more_iterations():
     strong = Made(known=Traits(strong=True))
-    for effort in ("balanced", "best"):
-        counts = [iterations(effort, strong, frames=frames) for frames in (1, 12, 16, 20, 28, 40, 1000)]
+    sizes = (1, 1), (1, 12), (2, 8), (2, 10), (2, 14), (2, 20), (2, 100)
+    for effort in ("fast", "balanced", "best"):
+        counts = [iterations(effort, strong, op=operator(*size, side=8)) for size in sizes]
         assert counts == sorted(counts)
-        assert counts[0] < counts[-1] == counts[-2]
-        assert iterations(effort, strong) == iterations(effort, strong, frames=20), "all frames, if nothing is said"
+        assert counts[-1] == counts[-2], "but not without end"
+        assert (counts[0] < counts[-1]) == (effort == "balanced")
 
 
 def test_noise_takes_iterations_of_a_strong_prior_away():
@@ -133,6 +135,11 @@ def test_a_plan_describes_itself_in_json(noise, prior):
     assert [turn["from"] for turn in told["serves"]] == [turn.begins for turn in plan.serves]
 
 
+def test_a_plan_names_the_members_of_a_joint_prior():
+    (turn,) = make_plan(operator(), 0.0, Joint([TV(), Made()])).describe()["serves"]
+    assert turn["name"] == "TV + Made"
+
+
 def test_the_result_holds_the_plan_of_each_measurement(scene):
     y = np.stack([scene.y, pnp_sci.simulate(scene.truth, scene.masks, noise=0.1)])
     result = solve(y, scene.masks, Flow(first=3), iterations=45, tol=0, scene="full")
@@ -164,7 +171,8 @@ def test_the_noise_is_estimated_once_and_the_scene_judged_once(scene, monkeypatc
 
     monkeypatch.setattr(problem, "estimate_noise", counted("noise", problem.estimate_noise))
     monkeypatch.setattr(measurement, "choose_scene", counted("scene", measurement.choose_scene))
-    pnp_sci.register_decoder("counted", lambda: lambda problem, scene: np.full(problem.op.shape, 0.5))
+    grey = {"counted": lambda: lambda problem, scene: np.full(problem.op.shape, 0.5)}
+    monkeypatch.setitem(registry._registered, "decoders", grey)
     for init in ("adjoint", "counted", lambda problem, scene: np.full(problem.op.shape, 0.5)):
         calls.update(noise=0, scene=0)
         solve(scene.y, scene.masks, init=init, iterations=2)
