@@ -43,6 +43,7 @@ SERVES = {
     "pnp_sci.pipeline.blend": (("video",), "noise"),
     "pnp_sci.scene.select": (FAST, "scene"),
     "pnp_sci.scene.evidence": (FAST, "scene"),
+    "pnp_sci.scene.choose": (("flow",), "scene"),
     "pnp_sci.sensing.problem": (FAST, "moving noise"),
     "pnp_sci.sensing.noise": (FAST, "moving noise"),
     "priors.tv": (("tv",), "moving noise still"),

@@ -99,6 +99,11 @@ def ofanet(device: str | None = None) -> OFaNetDecoder:
     device : str, optional
         Torch device such as ``"cuda"``; by default the CPU.
 
+    References
+    ----------
+    R. Lu, B. Chen, G. Liu, Z. Cheng, M. Qiao & X. Yuan, "Dual-view snapshot compressive imaging via optical flow aided
+    recurrent neural network", International Journal of Computer Vision 129 (2021).
+
     Examples
     --------
     >>> import pnp_sci
@@ -110,7 +115,12 @@ def ofanet(device: str | None = None) -> OFaNetDecoder:
 
 
 def ofanet_fast(device: str | None = None) -> OFaNetDecoder:
-    """The decoder "ofanet-fast": diversity amplifier and separator, without refine net; arguments as :func:`ofanet`."""
+    """The decoder "ofanet-fast": diversity amplifier and separator, without refine net; arguments as :func:`ofanet`.
+
+    References
+    ----------
+    Those of :func:`ofanet_init.decoder.ofanet`.
+    """
     return OFaNetDecoder(False, device)
 
 

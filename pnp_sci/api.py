@@ -13,7 +13,7 @@ from pnp_sci.pipeline.measurement import put
 from pnp_sci.pipeline.provenance import provenance
 from pnp_sci.pipeline.request import as_plain
 from pnp_sci.pipeline.solve import solve_all
-from pnp_sci.plugins.resolve import as_decoder
+from pnp_sci.plugins.resolve import decoder_for
 from pnp_sci.results.history import History, Record, Status
 from pnp_sci.results.result import Result
 from pnp_sci.scene.choose import choose_scene
@@ -144,7 +144,7 @@ def decode(
     (2, 10, 64, 64)
     """
     began = time.perf_counter()
-    decoder = as_decoder(model, **options)
+    decoder = decoder_for("model", model, options)
     measurements = check_measurement(y)
     op, largest = check_operator(masks, measurements)
     sensor = check_noise(noise)

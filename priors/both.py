@@ -45,6 +45,10 @@ class Both(Prior):
     InputError
         If `first` is not a whole number >= 0.
 
+    References
+    ----------
+    Those of :class:`priors.flow.Flow` and :class:`priors.video.Video`.
+
     Examples
     --------
     >>> import pnp_sci

@@ -13,6 +13,7 @@ from pnp_sci._validate import whole
 from pnp_sci.errors import InputError
 from pnp_sci.plugins.protocols import Prior, Session, Traits
 from priors.bm3d import BM3D, BM3DSession
+from priors.kernels.still import TUNED as STILL
 from priors.motion.measure import TUNED as MOTION
 from priors.motion.measure import Motion, finished, may_show_motion, measure
 from priors.tv import TUNED as TOTAL_VARIATION
@@ -25,7 +26,6 @@ FAINT = 1e-4  # of the range of x: smaller differences than that are not worth a
 class FlowNumbers(Tuned):
     """Averages along motion, in units of the solver's sigma where nothing else is said."""
 
-    rest: float = 0.04  # standard deviation along time at which a pixel counts 1/e as still, where x spans [0, 1]
     renew: int = 4  # calls between two estimates of the flow
     strength: float = 0.25  # strength of TV beside the averages
     loud: float = 0.35  # sigma above which noise hides the motion, where x spans [0, 1]
@@ -73,6 +73,7 @@ class Flow(Prior):
     ----------
     T. Kroeger et al., "Fast optical flow using dense inverse search", ECCV 2016.
     A. Buades, J.-L. Lisani & M. Miladinovic, "Patch-based video denoising with optical flow estimation", TIP 2016.
+    Those of :class:`priors.bm3d.BM3D` and :class:`priors.tv.TV`.
 
     Examples
     --------
@@ -114,7 +115,7 @@ class FlowSession(Session):
     def __init__(self, prior: Flow, shape: tuple[int, ...], dtype: np.dtype):
         self.prior, self.calls = prior, 0
         self.frames, self.patches = TV(TUNED.strength, time=0).begin(shape, dtype), BM3DSession()
-        self.rest = TUNED.rest if prior.still else 0.0
+        self.rest = STILL.rest if prior.still else 0.0
         self.motion: list[Motion] = []
         self.still: list[float] = []
         self.left = np.empty(0, np.float32)  # of each pixel, what BM3D is told, in units of sigma

@@ -34,7 +34,6 @@ class TVNumbers(Tuned):
     power: int = 3  # power of their ratio
     time_most: float = 0.7  # largest weight along time
     rest: float = 0.02  # standard deviation along time at which a pixel counts 1/e as still, per weight and frame
-    rest_most: float = 0.03  # its largest value
 
 
 TUNED = TVNumbers()
@@ -61,7 +60,7 @@ class TV(Prior):
         Penalise the length of the gradient (True) or the sum of its absolute parts (False).
     still : bool
         With ``time="auto"``, from the 40th call on: pixels whose standard deviation along time is small become the mean
-        of all frames. The limit grows with `w` and the number of frames, up to 0.03; it is lower for dark pixels.
+        of all frames. The limit grows with `w` and the number of frames, up to 0.04; it is lower for dark pixels.
 
     Raises
     ------
@@ -147,7 +146,9 @@ class TVSession(Session):
         if self.calls == TUNED.settle and sigma <= TUNED.trusted:
             self.weights = np.stack([time_weights(view) for view in x])
         if self.prior.still and self.calls % TUNED.settle == 0:
-            rest = float(min(TUNED.rest * x.shape[0] * x.shape[1] * weight, TUNED.rest_most))
+            from priors.kernels.still import TUNED as STILL
+
+            rest = float(min(TUNED.rest * x.shape[0] * x.shape[1] * weight, STILL.rest))
             self.still = [at_rest(view, rest) for view in x]
 
     def _unit(self, kind: type[np.int16 | np.int32]) -> int:

@@ -6,6 +6,7 @@ from collections.abc import Sequence
 from dataclasses import asdict
 from pathlib import Path
 
+from pnp_sci._optional import needed_for
 from pnp_sci.advice.recommend import Moment, course
 from pnp_sci.bench.methods import Method
 from pnp_sci.bench.runner import Row
@@ -44,8 +45,8 @@ def front(all_curves: dict[Method, list[Moment]]) -> list[tuple[Moment, Method]]
 
 def draw(path: str | Path, all_curves: dict[Method, list[Moment]]) -> None:
     """Write a plot of the curves and their front, in the format of the path's suffix (.svg, .png, .pdf)."""
-    from matplotlib.figure import Figure
-
+    with needed_for("a figure", "plot"):
+        from matplotlib.figure import Figure
     figure = Figure(figsize=(8, 5), layout="constrained")
     axes = figure.subplots()
     for method, own in all_curves.items():

@@ -10,11 +10,14 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from jinja2 import Environment, PackageLoader, StrictUndefined
 from PIL import Image
 
+from pnp_sci._optional import needed_for
 from pnp_sci.bench.pareto import Point, chart
 from pnp_sci.formats.replacing import replacing
+
+with needed_for("the report", "report"):
+    from jinja2 import Environment, PackageLoader, StrictUndefined
 
 BUDGET = 10 * 2**20  # bytes of pictures; base64 adds a third, so the file is below 15 MB
 ENCODINGS = ((1, None), (1, 90), (1, 70), (2, 70), (4, 70), (8, 70))  # divisor of the size, WebP quality (None: PNG)

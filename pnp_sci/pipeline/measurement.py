@@ -23,7 +23,8 @@ from pnp_sci.sensing.problem import Problem, level
 from pnp_sci.solvers.iterate import ALGORITHMS, states
 from pnp_sci.solvers.plan import make_plan
 from pnp_sci.solvers.run import run
-from pnp_sci.solvers.state import State
+from pnp_sci.solvers.state import State, length, start
+from pnp_sci.solvers.stopping import relative_residual
 
 JUDGING = 0.25  # of a time budget, to find out what of a scene has to be modelled
 
@@ -119,10 +120,13 @@ class _Finish:
         return state if x is state.x else replace(state, x=x, residual=self.problem.y - self.op.forward(x))
 
 
-def untouched(problem: Problem, out: np.ndarray, n: int) -> Outcome:
+def untouched(problem: Problem, out: np.ndarray, n: int, truth: Reference | None = None) -> Outcome:
     """What becomes of the n-th measurement after a callback has stopped: its level, without any iteration."""
-    put(level(problem.op, problem.y), out, problem.unit)
-    record = Record(0, 0.0, float("nan"), float("nan"), measurement=n)
+    state = start(problem.op, problem.y, level(problem.op, problem.y))
+    put(state.x, out, problem.unit)
+    residual = relative_residual(state, length(problem.y) or 1.0, problem.saturated)
+    psnr, ssim = (truth.psnr(state.x, n, problem.unit), truth.ssim(out, n)) if truth else (None, None)
+    record = Record(0, 0.0, residual, float("nan"), psnr, ssim, n)
     return Outcome(problem, Status.STOPPED, [record], _counts(problem), None, "adjoint", [], [])
 
 

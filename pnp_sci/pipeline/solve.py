@@ -41,7 +41,7 @@ def solve_all(y: Any, masks: Any, reference: Any, options: dict[str, Any]) -> Re
             deadline = _share_of_time(began, request.time_budget, len(measurements) - n)
             problem = pose(op, largest, measurement, request.sensor)
             outcomes.append(
-                untouched(problem, videos[n], n)
+                untouched(problem, videos[n], n, truth)
                 if watch.stopped
                 else reconstruct(problem, request, videos[n], deadline=deadline, watch=watch, truth=truth, n=n)
             )

@@ -10,7 +10,7 @@ import numpy as np
 from pnp_sci._validate import real_array, require_finite, shaped
 from pnp_sci.errors import FormatError, InputError
 from pnp_sci.pipeline.defaults import NETWORK
-from pnp_sci.plugins.resolve import as_decoder
+from pnp_sci.plugins.resolve import decoder_for
 from pnp_sci.sensing.problem import Problem, level
 from pnp_sci.sensing.scene_model import SceneModel
 from pnp_sci.solvers.state import length, missing
@@ -52,9 +52,9 @@ def first_estimate(init: Any, problem: Problem, scene: SceneModel, network: bool
     if isinstance(init, str) and init == "adjoint":
         return Start(init, level(problem.op, problem.y))
     if isinstance(init, str):
-        return Start(init, _checked(as_decoder(init)(problem, scene), problem), decoded=True)
+        return Start(init, _checked(decoder_for("init", init, {})(problem, scene), problem), decoded=True)
     if callable(init):
-        x = as_decoder(init)(problem, scene)
+        x = decoder_for("init", init, {})(problem, scene)
     else:
         with np.errstate(all="ignore"):  # what the type cannot hold is told below
             x = real_array("init", init) / np.float64(problem.unit)

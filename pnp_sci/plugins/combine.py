@@ -182,20 +182,20 @@ class Stages(Prior):
         return InTurn(turns(self, shape), shape, dtype)
 
 
-def turns(prior: Prior, shape: tuple[int, ...]) -> tuple[Turn, ...]:
-    """Which prior serves when, for videos (V, B, H, W) of this shape: warm-up and prior, or stages."""
+def turns(prior: Prior, shape: tuple[int, ...], warm: bool = True) -> tuple[Turn, ...]:
+    """Which prior serves when, for videos (V, B, H, W) of this shape: warm-up, if `warm`, and prior, or stages."""
     if isinstance(prior, Stages):
         found, begins = [], 0
         for stage, calls in prior.stages:
-            own = turns(stage, shape) if begins == 0 else turns(stage, shape)[-1:]
-            found += [replace(turn, begins=begins + (turn.begins if begins == 0 else 0)) for turn in own]
+            own = turns(stage, shape, warm and begins == 0)
+            found += [replace(turn, begins=begins + turn.begins) for turn in own if turn.begins < calls]
             begins += calls
-        return tuple(turn for turn in found if turn.begins < begins)
+        return tuple(found)
     traits = prior.traits(shape)
-    if traits.warmup is None or traits.warmup[1] == 0:
-        return (Turn(prior, average=traits.average),)
-    warm, calls = traits.warmup
-    return Turn(warm), Turn(prior, calls, traits.serves_below, traits.average)
+    if not warm or traits.warmup is None or traits.warmup[1] == 0:
+        return (Turn(prior, below=traits.serves_below, average=traits.average),)
+    first, calls = traits.warmup
+    return Turn(first), Turn(prior, calls, traits.serves_below, traits.average)
 
 
 def serving(order: Sequence[Turn], call: int, sigma: float) -> int:

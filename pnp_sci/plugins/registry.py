@@ -23,7 +23,7 @@ def available(kind: str) -> dict[str, Any]:
     return dict(sorted((_installed(kind) | _registered[kind]).items()))
 
 
-def load(kind: str, name: str) -> Any:
+def load(kind: str, name: str, argument: str = "") -> Any:
     """The plugin of that name: a class or function that makes a prior or a decoder from options.
 
     Raises
@@ -33,8 +33,9 @@ def load(kind: str, name: str) -> Any:
     """
     plugins = available(kind)
     if not isinstance(name, str) or name not in plugins:
-        names = ", ".join([*BUILT_IN.get(kind, ()), *plugins]) or "none installed"
-        raise UnknownPluginError(f"{kind[:-1]} is {name!r}: one of these was expected: {names}")
+        built_in = BUILT_IN[kind] if argument in ("", "init") else ()
+        names = ", ".join([*built_in, *plugins]) or "none installed"
+        raise UnknownPluginError(f"{argument or kind[:-1]} is {name!r}: one of these was expected: {names}")
     plugin = plugins[name]
     if not isinstance(plugin, EntryPoint):
         return plugin

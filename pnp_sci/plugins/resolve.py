@@ -120,17 +120,22 @@ def as_decoder(decoder: Any, **options: Any) -> Decoder:
     InputError, InputTypeError
         If it stands for none, or takes no such options.
     """
+    return decoder_for("decoder", decoder, options)
+
+
+def decoder_for(argument: str, decoder: Any, options: dict[str, Any]) -> Decoder:
+    """As :func:`as_decoder`; errors name the argument that it came by."""
     if isinstance(decoder, str):
-        factory = registry.load("decoders", decoder)
+        factory = registry.load("decoders", decoder, argument)
         try:
             inspect.signature(factory).bind(**options)
         except TypeError as error:
             raise InputError(f"options of decoder {decoder!r}: {error}") from error
-        return as_decoder(factory(**options))
+        return decoder_for(f"decoder {decoder!r}", factory(**options), {})
     if options:
         raise InputError(f"options {', '.join(sorted(options))}: the name of a decoder was expected beside them")
     if isinstance(decoder, type) or not callable(decoder) or not _takes(decoder, 2):
-        raise InputTypeError(f"decoder is {decoder!r}: a name or a callable (problem, scene) was expected")
+        raise InputTypeError(f"{argument} is {decoder!r}: a name or a callable (problem, scene) was expected")
     return decoder if isinstance(decoder, Decoder) else FunctionDecoder(decoder)
 
 

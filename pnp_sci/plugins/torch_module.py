@@ -30,7 +30,7 @@ class TorchPrior(Prior):
     device: str | None = None
 
     def traits(self, shape: tuple[int, ...]) -> Traits:
-        """A network, of which nothing else is known."""
+        """Nothing is known of the module: it counts as a plain prior."""
         return Traits()
 
     def begin(self, shape: tuple[int, ...], dtype: np.dtype) -> Session:

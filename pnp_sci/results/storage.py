@@ -9,7 +9,8 @@ from typing import Any
 
 import numpy as np
 
-from pnp_sci.errors import FormatError, InputTypeError
+from pnp_sci._optional import needed_for
+from pnp_sci.errors import FormatError, InputTypeError, MissingExtraError
 from pnp_sci.formats.replacing import replacing
 from pnp_sci.results.history import History, Status
 
@@ -35,8 +36,8 @@ def save(path: Path, x: np.ndarray, status: Status, history: History, settings: 
             with temporary.open("wb") as stream:
                 np.savez(stream, allow_pickle=False, **arrays, **texts)
         else:
-            import h5py
-
+            with needed_for("a result in HDF5", "hdf5"):
+                import h5py
             with h5py.File(temporary, "w") as file:
                 for name, array in arrays.items():
                     file[name] = array
@@ -58,6 +59,8 @@ def load(path: Path) -> dict[str, Any]:
         raise FileNotFoundError(f"{path}: there is no such file")
     try:
         return _fields(_read_npz(path) if path.suffix.lower() == ".npz" else _read_hdf5(path))
+    except MissingExtraError:
+        raise
     except Exception as error:  # each library has its own exceptions for a damaged file
         reason = (str(error) or type(error).__name__).splitlines()[0]
         raise FormatError(f"{path} cannot be read as a result: {reason}") from error
@@ -104,7 +107,7 @@ def _read_npz(path: Path) -> Mapping[str, Any]:
 
 
 def _read_hdf5(path: Path) -> Mapping[str, Any]:
-    import h5py
-
+    with needed_for("a result in HDF5", "hdf5"):
+        import h5py
     with h5py.File(path) as file:
         return {**file.attrs, "x": np.asarray(file["x"]), "history": np.asarray(file["history"])}

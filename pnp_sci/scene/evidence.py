@@ -11,7 +11,7 @@ from pnp_sci.sensing.operator import SensingOperator
 from pnp_sci.sensing.scene_model import SceneModel
 
 FLOOR = 0.3  # of the mean squared error, added to that of every window: keeps ratios of small errors meaningful
-SURELY = 2.0  # standard errors: a mean gain of that many is beyond chance
+SURELY = 1.645  # standard errors: a mean gain of that many is beyond chance, one-sided at 5 %
 
 
 @dataclass(frozen=True)

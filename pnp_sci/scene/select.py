@@ -20,6 +20,7 @@ from pnp_sci.solvers.iterate import iterate
 # Whether the squared errors (N,) of a simple model, beyond the noise, are fine beside another's
 IsFine = Callable[[np.ndarray, np.ndarray], bool]
 
+HELD_BACK = 0.1  # part of the pixels of y that is predicted
 CHANCE = 3.0  # standard errors: evidence against the simple model up to that may be chance
 NO_WORSE = 1.0  # ratio of errors up to which a model without a view, or with one still view, is taken
 
@@ -29,11 +30,11 @@ class SceneNumbers(Tuned):
     """When a simpler model is taken; ratios are of its squared error to that of the full one, beyond the noise."""
 
     dark: float = 0.08  # level of a view that may be absent, in units of the brightest one's
-    held_back: float = 0.1  # part of the pixels of y that is predicted
     least: int = 60  # iterations of a quick estimate, at least
     per_frame: int = 3  # iterations of a quick estimate for each frame of all views
     perhaps: float = 1.2  # largest ratio, early; its inverse at the end of quick estimates
     carefully: float = 1.6  # largest ratio of careful estimates
+    doubt: float = 0.1  # part of the variance of the noise by which its estimate may be too low
 
 
 TUNED = SceneNumbers()
@@ -93,14 +94,14 @@ def judge(
         return still if predicts_better(still, chosen, quick, looks) else chosen
     by_tv = dict.fromkeys((early, half), partial(at_most, TUNED.perhaps))
     by_flow = {soon: partial(at_most, TUNED.carefully), later: whatever}
-    if predicts_better(still, chosen, careful, by_tv | by_flow):
+    if predicts_better(still, chosen, careful, by_tv | by_flow, TUNED.doubt):
         return still
     beside = dict.fromkeys((early, half), partial(at_most, NO_WORSE)) | {later: beyond_chance}
     for view in np.flatnonzero(chosen.views) if each_view else ():
         stills = tuple(s or v == view for v, s in enumerate(chosen.still))  # type: ignore[arg-type]
         names = " and ".join(str(v + 1) for v, s in enumerate(stills) if s)
         model = SceneModel(chosen.views, stills, f"{so_far}one frame explains what y shows of view {names}")
-        if not model.nothing_moves and predicts_better(model, chosen, careful, beside):
+        if not model.nothing_moves and predicts_better(model, chosen, careful, beside, TUNED.doubt):
             chosen = model
     return chosen
 
@@ -110,15 +111,17 @@ class _Comparison:
 
     def __init__(self, problem: Problem, until: float, look: int):
         self.problem, self.until, self.look = problem, until, look
-        self.hidden = np.random.default_rng(0).random(problem.y.shape) < TUNED.held_back
+        self.hidden = np.random.default_rng(0).random(problem.y.shape) < HELD_BACK
         self.seen = ~self.hidden
         # if fewer pixels are saturated than held back, the held-back ones are still a random choice
-        self.by_chance = problem.saturated is None or problem.saturated.mean() < TUNED.held_back
+        self.by_chance = problem.saturated is None or problem.saturated.mean() < HELD_BACK
         if problem.saturated is not None:
             self.hidden, self.seen = self.hidden & ~problem.saturated, self.seen & ~problem.saturated
         self._known: dict[SceneModel, tuple[np.ndarray, np.ndarray]] = {}
 
-    def __call__(self, simple: SceneModel, other: SceneModel, prior: Prior, looks: dict[int, IsFine]) -> bool:
+    def __call__(
+        self, simple: SceneModel, other: SceneModel, prior: Prior, looks: dict[int, IsFine], doubt: float = 0
+    ) -> bool:
         """Whether the simple model predicts well enough, on its worst tile, at each of the looks.
 
         A look is a number of iterations and a condition on the squared errors after it.
@@ -134,7 +137,7 @@ class _Comparison:
         y, hidden, seen = (picture[crop] for picture in (y, self.hidden, self.seen))
         if not hidden.any():
             return False
-        expected = self.problem.typical_noise**2
+        expected = self.problem.typical_noise**2 * (1 + doubt)
 
         def estimates(model: SceneModel) -> Iterator[tuple[np.ndarray, np.ndarray]]:
             return _predictions(model.reduce(part), y, seen, self.problem.typical_noise, prior, *looks)

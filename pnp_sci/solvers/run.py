@@ -60,8 +60,10 @@ def run(
 
     for state in states:
         failure = guard.failure(state, relative_residual(state, norm, saturated))
+        if failure and guard.best is None:  # the first estimate itself
+            return state, failure, [record_of(state, clock.seconds())]
         if failure:
-            return _before_failure(guard.best or state, failure, records)
+            return _before_failure(guard.best, failure, records)  # type: ignore[arg-type]
         estimate = mean(state, plan.averages(state.iteration))
         now, seconds = time.perf_counter(), clock.seconds()
         records.append(record_of(estimate, seconds))

@@ -14,8 +14,9 @@ HARDLY = 0.02  # largest probability of a row that is skipped, to save time
 
 @dataclass(frozen=True)
 class StillNumbers(Tuned):
-    """Parameter of the limit for dark pixels, because moving dark objects change x little."""
+    """The limit of a still pixel's change, and its course in the dark, where moving objects change x little."""
 
+    rest: float = 0.04  # largest standard deviation along time at which a pixel counts 1/e as still
     bright: float = 0.5  # mean along time below which the limit is proportional to the mean
 
 

@@ -69,8 +69,8 @@ def test_the_algorithms_agree(scene):
 def test_noise_is_regularised(scene):
     """With noise the limit does not fit y, and is better for it than one that does."""
     y = pnp_sci.simulate(scene.truth, scene.masks, noise=0.1)
-    aware = solve(y, scene.masks, reference=scene.truth)
-    fitted = solve(y, scene.masks, noise=0, reference=scene.truth)
+    aware = solve(y, scene.masks, scene="full", reference=scene.truth)
+    fitted = solve(y, scene.masks, scene="full", noise=0, reference=scene.truth)
     assert aware.history["psnr"][-1] > fitted.history["psnr"][-1] + 1.5
     assert aware.history[-1].residual > 3 * fitted.history[-1].residual
     assert aware.settings["noise"][0] == pytest.approx(0.1 * scene.y.max(), rel=0.25)
