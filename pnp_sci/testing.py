@@ -25,7 +25,7 @@ class ContractError(AssertionError):
 def check_prior(prior: Any, shapes: Iterable[Sequence[int]] = SHAPES, **options: Any) -> None:
     """Check that a prior keeps its promises, see :class:`pnp_sci.Prior` and :class:`pnp_sci.Session`.
 
-    Shapes and dtypes come back, the input stays as it is, the result is finite, views are not mixed, sessions do not
+    Shapes come back, the input stays as it is, the result is finite, views are not mixed, sessions do not
     know of each other, in threads neither, a result may be written in place, and what a session tells is JSON.
 
     Parameters

@@ -115,7 +115,6 @@ class FlowSession(Session):
     def __init__(self, prior: Flow, shape: tuple[int, ...], dtype: np.dtype):
         self.prior, self.calls = prior, 0
         self.frames, self.patches = TV(TUNED.strength, time=0).begin(shape, dtype), BM3DSession()
-        self.rest = STILL.rest if prior.still else 0.0
         self.motion: list[Motion] = []
         self.still: list[float] = []
         self.left = np.empty(0, np.float32)  # of each pixel, what BM3D is told, in units of sigma
@@ -131,7 +130,7 @@ class FlowSession(Session):
     def _averaged(self, v: np.ndarray, sigma: float) -> np.ndarray:
         """Each frame of v (V, B, H, W) averaged with its neighbours along their motion."""
         if self.calls % TUNED.renew == 1 or not self.motion:
-            seeing = self.prior.neighbours, self.prior.tolerance * sigma, self.prior.drift, self.rest
+            seeing = self.prior.neighbours, self.prior.tolerance * sigma, self.prior.drift, self._rest(sigma)
             before = self.motion or [None] * len(v)
             self.motion = [measure(view, *seeing, motion) for view, motion in zip(v, before)]
             self.still = [seen.at_rest for seen in self.motion]
@@ -146,8 +145,12 @@ class FlowSession(Session):
         if not self.motion:
             return x
         self.motion, self.left = [], self.left[:0]  # their memory is needed no more
-        return finished(x, sigma, self.prior.neighbours, self.prior.drift, self.rest)
+        return finished(x, sigma, self.prior.neighbours, self.prior.drift, self._rest(sigma))
 
     def facts(self) -> Mapping[str, Any]:
         """The part of each view that stands still, as last measured."""
         return {"still": self.still}
+
+    def _rest(self, sigma: float) -> float:
+        """Standard deviation along time at which a pixel counts 1/e as still; 0 where none may."""
+        return min(STILL.rest, sigma) if self.prior.still else 0.0
