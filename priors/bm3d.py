@@ -1,4 +1,4 @@
-"""Block matching and 3-D filtering: a frame holds the same things many times."""
+"""The prior "bm3d": block matching and 3-D filtering."""
 
 from __future__ import annotations
 
@@ -33,13 +33,12 @@ TUNED = BM3DNumbers()
 
 @dataclass(frozen=True)
 class BM3D(Prior):
-    """Frame by frame, groups of patches that look alike, filtered together.
+    """Frame by frame, groups of similar patches are filtered together.
 
-    Eight patches of 8 x 8 pixels become a cube, its transform (cosines along rows and columns, Haar across the patches)
-    is shrunk, and all cubes together make the frame again. In the first call the transform drops what is below 2.7
-    sigma; what comes of that is the signal of a Wiener filter, for the groups that it shows. In every further call the
-    signal is what the call before has returned, and sigma counts 1.8 times: within a solver this is better by a decibel
-    and takes half the time. Groups serve for fifteen calls.
+    Eight patches of 8 x 8 pixels form a cube. Its transform, cosines along rows and columns and Haar across patches, is
+    shrunk, and the overlapping cubes are averaged. In the first call coefficients below 2.7 sigma are dropped; the
+    result is the pilot of a Wiener filter. In every further call the last result is the pilot, and the filter is told
+    1.8 sigma. Groups are searched anew in every fifteenth call.
 
     Parameters
     ----------

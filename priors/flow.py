@@ -1,4 +1,4 @@
-"""Averages along motion: what a frame lacks, its neighbours may have seen."""
+"""The prior "flow": averages along motion, then block matching."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ from priors.motion.measure import Motion, finished, may_show_motion, measure
 from priors.tv import TUNED as TOTAL_VARIATION
 from priors.tv import TV
 
-FAINT = 1e-4  # of the range of x: smaller differences than that are not worth an average
+FAINT = 1e-4  # tolerance, where x spans [0, 1], below which v is returned as it is
 
 
 @dataclass(frozen=True)
@@ -39,15 +39,15 @@ TUNED = FlowNumbers()
 class Flow(Prior):
     """Each frame of a view averaged with its neighbours along their motion, on top of total variation.
 
-    The first 60 calls are those of :class:`priors.tv.TV`, and so are all with a sigma above 0.35. Then every fourth
-    call estimates the optical flow from each frame straight to each of its neighbours (never chained: chains drift) and
-    how far to trust it: where the flow there and the flow back do not cancel, or where the warped neighbour differs
-    from the frame, it counts little. A steady motion takes the place of what was found where frames match better by it,
-    that of the surroundings where they match hardly worse. Pixels that stand still, where neither the frames change nor
-    a flow explains what little they do, share all frames. Every call denoises the frames on their own, by TV, and
-    averages each with its neighbours, warped onto it, by these weights; :class:`priors.bm3d.BM3D`, told 1.6 times the
-    noise that this leaves in each pixel, filters what comes of it, and has clips of one frame for itself. Clips below
-    32 pixels a side show no motion and are left to TV.
+    Total variation serves the first 60 calls, and all calls with a sigma above 0.35. In every fourth call after that
+    the optical flow is estimated from each frame directly to its neighbours; chains of flows would drift. In each pixel
+    the flow is replaced by a steady motion if frames match better along that, or by the flow of its surroundings if
+    they match about as well. A neighbour weighs little where forward and backward flow do not cancel, or where the
+    warped neighbour differs from the frame. Pixels that stand still are averaged over all frames.
+
+    Each call denoises the frames by a light total variation, and averages each with its warped neighbours by these
+    weights. :class:`priors.bm3d.BM3D` filters the result; it is told 1.6 times the noise that the average leaves in
+    each pixel. Single frames are left to BM3D, frames below 32 pixels a side to total variation.
 
     Parameters
     ----------
@@ -61,8 +61,7 @@ class Flow(Prior):
     first : int
         Calls at the beginning of a video that are left to TV, >= 0.
     still : bool
-        Whether pixels that hardly change along time become, by as much as they surely stand still, the mean of all
-        frames.
+        Whether pixels that stand still are averaged over all frames.
 
     Raises
     ------

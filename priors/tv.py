@@ -1,4 +1,4 @@
-"""Total variation: piecewise smooth frames, and slow change along time where the scene allows it."""
+"""The prior "tv": piecewise smooth frames that change slowly along time."""
 
 from __future__ import annotations
 
@@ -178,10 +178,10 @@ def time_weights(view: np.ndarray) -> np.ndarray:
 
 
 def at_rest(view: np.ndarray, rest: float) -> np.ndarray:
-    """How surely each pixel of a view (B, H, W) shows the same in all frames, 0 to 1, (H, W).
+    """Probability that each pixel of a view (B, H, W) is constant in time, 0 to 1, (H, W).
 
-    ``exp(-(s / rest)^2)``, s the standard deviation along time, squared and averaged over some three pixels around;
-    dark pixels need to be stiller, see :func:`priors.kernels.still.sureness`.
+    ``exp(-(s / rest)^2)`` with s the standard deviation along time, smoothed over some three pixels. The limit is lower
+    for dark pixels, see :func:`priors.kernels.still.sureness`.
     """
     from scipy.ndimage import gaussian_filter
 

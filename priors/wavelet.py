@@ -1,4 +1,4 @@
-"""Wavelets: frames whose wavelet coefficients are few and large."""
+"""The prior "wavelet": frames have few large wavelet coefficients."""
 
 from __future__ import annotations
 
