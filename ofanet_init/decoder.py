@@ -14,7 +14,7 @@ from ofanet_init.network import OFaNet
 from pnp_sci._tuned import Tuned
 from pnp_sci.accel.inference import ready, running, usable
 from pnp_sci.errors import InputError
-from pnp_sci.pipeline.blend import TUNED as DECODED
+from pnp_sci.pipeline.blend import TUNED as BLEND
 from pnp_sci.plugins.protocols import Decoder
 from pnp_sci.sensing.problem import Problem
 from pnp_sci.sensing.scene_model import SceneModel
@@ -128,7 +128,7 @@ def _decoded(network: OFaNet, problem: Problem, place: torch.device, refine: boo
     op, y, noise = problem.op, problem.y, problem.typical_noise
     largest = float(op.masks.max()) or 1.0
     # one pass where the noise of a pixel exceeds the network's errors
-    passes = 1 if noise > DECODED.loud * np.sqrt(op.gram.mean()) else None
+    passes = 1 if noise > BLEND.loud * np.sqrt(op.gram.mean()) else None
 
     def estimate(rows: slice) -> np.ndarray:
         masks = torch.from_numpy(op.masks[:, :, rows].astype(np.float32) / np.float32(largest))[None].to(place)
@@ -145,7 +145,7 @@ def _decoded(network: OFaNet, problem: Problem, place: torch.device, refine: boo
             before = min(top, MARGIN)
             part = estimate(slice(top - before, top + ROWS + MARGIN))[:, :, before:]
             x[:, :, top : top + ROWS] = part[:, :, :ROWS]
-    return op.project(x, y, (noise / DECODED.loud) ** 2)
+    return op.project(x, y, (noise / BLEND.loud) ** 2)
 
 
 @cache

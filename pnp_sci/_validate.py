@@ -1,4 +1,4 @@
-"""What every argument must be before anything is done with it: real numbers, finite, one of a few names."""
+"""Argument validation."""
 
 from __future__ import annotations
 

@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 
 from pnp_sci._validate import shaped
-from pnp_sci.pipeline.measurement import put
+from pnp_sci.pipeline.measurement import counts, put
 from pnp_sci.pipeline.provenance import provenance
 from pnp_sci.pipeline.request import as_plain
 from pnp_sci.pipeline.solve import solve_all
@@ -17,10 +17,11 @@ from pnp_sci.plugins.resolve import decoder_for
 from pnp_sci.results.history import History, Record, Status
 from pnp_sci.results.result import Result
 from pnp_sci.scene.choose import choose_scene
-from pnp_sci.sensing.problem import Problem, check_measurement, check_noise, check_operator, check_scene, pose
+from pnp_sci.sensing.problem import check_measurement, check_noise, check_operator, check_scene, pose
 from pnp_sci.sensing.scene_model import SceneModel
 from pnp_sci.sensing.sensor import Sensor
-from pnp_sci.solvers.state import State, length
+from pnp_sci.solvers.state import State, length, start
+from pnp_sci.solvers.stopping import relative_residual
 
 
 def solve(
@@ -63,17 +64,17 @@ def solve(
     scene : "auto", "full" or SceneModel
         What to model: "auto" drops dark views, and models a still scene by one frame per view.
     iterations, sigma : optional
-        Number of iterations at most, and what the prior is told; by default rules decide.
+        Largest number of iterations; what the prior is told, where x spans [0, 1]. By default rules decide.
     noise : "auto", float, or Sensor
         Standard deviation of the noise of y, in its units. A :class:`~pnp_sci.Sensor` says more of the camera.
     tol : float
-        Stop when ``||Phi x||`` changes by less than this share of ``||y||`` five times in a row.
+        Stop when Phi x changes by less than this share of ``||y||`` in five iterations in a row.
     time_budget : float, optional
-        Seconds for the whole call; the best estimate by then is returned.
+        Seconds for the whole call, callback included; the last estimate by then is returned.
     reference : array_like, optional
         The truth, for PSNR and SSIM in the history: floats in [0, 1], uint8 or uint16.
     callback : callable, optional
-        Called with each `State`; a true value stops the solver, for all measurements.
+        Called with each `State` of what is modelled; a true value stops the solver, for all measurements.
     progress, device, threads, seed
         Progress bar; where networks run, such as "cuda"; CPU threads at most; for priors that draw random numbers.
     **prior_options
@@ -152,16 +153,18 @@ def decode(
     videos = np.empty((len(measurements), *op.shape), op.dtype)
     statuses, records, problems, scenes = [], [], [], []
     for n, measurement in enumerate(measurements):
-        start = time.perf_counter()
+        begun = time.perf_counter()
         problem = pose(op, largest, measurement, sensor)
         chosen = choose_scene(scene if decoder.needs_scene else "full", problem)
         x = shaped("what the decoder returns", decoder(problem, chosen), op.shape, op.dtype)
-        seconds = time.perf_counter() - start
+        seconds = time.perf_counter() - begun
         put(x, videos[n], problem.unit)
         statuses.append(Status.DECODED if np.isfinite(x).all() else Status.NOT_FINITE)
-        records.append(Record(0, seconds, _relative_residual(problem, x), float("nan"), measurement=n))
+        state = start(op, problem.y, x if statuses[-1].ok else np.zeros_like(x))
+        residual = relative_residual(state, length(problem.y) or 1.0, problem.saturated)
+        records.append(Record(0, seconds, residual, float("nan"), measurement=n))
         problems.append(problem)
-        scenes.append(chosen.describe(op))
+        scenes.append(chosen.describe(op) | {"at_rest": [None] * op.shape[0]} | counts(problem))
     return Result(
         videos if np.ndim(y) == 3 else videos[0],
         Status.worst(statuses),
@@ -170,11 +173,6 @@ def decode(
         | provenance(y, masks, largest, problems, began),
         scenes,
     )
-
-
-def _relative_residual(problem: Problem, x: np.ndarray) -> float:
-    x = x if np.isfinite(x).all() else np.zeros_like(x)
-    return length(problem.y - problem.op.forward(x)) / (length(problem.y) or 1.0)
 
 
 __all__ = ["decode", "solve"]

@@ -93,6 +93,7 @@ def _papers(settings: dict[str, Any]) -> Iterator[str]:
         yield from [] if prior == "none" else [PLUG_AND_PLAY, FOR_SCI]
         yield ALGORITHMS[settings["algorithm"]]
     reprs = [turn["prior"] for plan in settings.get("plan", []) for turn in plan["serves"]]
+    reprs.append(str(prior))
     classes = _classes()
     for name in re.findall(r"(\w+)\(", " ".join(reprs)):
         if name in classes:

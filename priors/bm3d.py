@@ -71,7 +71,7 @@ class BM3D(Prior):
 
     def traits(self, shape: tuple[int, ...]) -> Traits:
         """Strong after total variation; estimates change from groups to groups."""
-        return Traits(strong=True, warmup=(TV(), self.first), average=_has_patches(shape))
+        return Traits(strong=True, warmup=(TV(), self.first), average=True) if _has_patches(shape) else Traits()
 
     def begin(self, shape: tuple[int, ...], dtype: np.dtype) -> Session:
         """A session without groups; of total variation where frames are smaller than a patch."""

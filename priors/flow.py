@@ -96,8 +96,9 @@ class Flow(Prior):
 
     def traits(self, shape: tuple[int, ...]) -> Traits:
         """Strong after total variation; estimates change with the motion and the groups."""
-        average = shape[1] == 1 or may_show_motion(shape)
-        return Traits(strong=True, warmup=(TV(still=self.still), self.first), serves_below=TUNED.loud, average=average)
+        if shape[1] > 1 and not may_show_motion(shape):
+            return Traits()
+        return Traits(strong=True, warmup=(TV(still=self.still), self.first), serves_below=TUNED.loud, average=True)
 
     def begin(self, shape: tuple[int, ...], dtype: np.dtype) -> Session:
         """A session without motion; of BM3D for single frames, of total variation for small ones."""

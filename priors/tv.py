@@ -54,8 +54,8 @@ class TV(Prior):
         Dual steps per call, >= 1. A single call on a video (outside a solver) needs some hundred.
     time : float or "auto"
         Weight of differences along time against those along rows and columns, >= 0. 0 denoises each frame on its own.
-        "auto" begins with 0.15. After 40 calls, if sigma is 0.06 at most, every pixel of each view gets its own weight:
-        large where the estimate changes little along time, beside its gradients in space; near 0 where it moves.
+        "auto" begins with 0.15. In the 40th call, if sigma is 0.06 at most then, every pixel gets its own weight: large
+        where the estimate changes little along time, beside its gradients in space; near 0 where it moves.
     isotropic : bool
         Penalise the length of the gradient (True) or the sum of its absolute parts (False).
     still : bool
@@ -112,7 +112,8 @@ class TVSession(Session):
         sizes = [(int(np.prod(shape)) + n) * used for n, used in zip(before_first, (True, True, along_time))]
         self.dual = [np.zeros(size, np.int16) for size in sizes]
         constant = TUNED.time_before if prior.time == "auto" else prior.time
-        self.weights = np.full((views, rows, columns), constant if along_time else 0, dtype)
+        self.largest = float(constant if along_time else 0)  # bound of the weights along time, for all views
+        self.weights = np.full((views, rows, columns), self.largest, dtype)
         self.still: list[np.ndarray] = []  # of each view, how surely a pixel shows the same in all frames (H, W)
 
     def __call__(self, v: np.ndarray, sigma: float, out: np.ndarray | None = None) -> np.ndarray:
@@ -126,7 +127,7 @@ class TVSession(Session):
         weight = min(self.prior.strength * sigma, ALL)
         if weight < NOTHING:
             return out
-        steepness = 1 + float(self.weights.max(initial=0)) ** 2 / 2  # |gradient|^2 <= 8 times this
+        steepness = 1 + self.largest**2 / 2  # |gradient|^2 <= 8 times this
         one = self._unit(np.int16 if v.dtype == np.float32 and weight * steepness <= COARSE else np.int32)
         units = (v.dtype.type(a) for a in (weight / one, STEP * one / (8 * steepness * weight), one))
         denoise(out, int(self.prior.inner), *units, self.prior.isotropic, self.weights, tuple(self.dual))
@@ -144,7 +145,7 @@ class TVSession(Session):
     def _look(self, x: np.ndarray, sigma: float, weight: float) -> None:
         """What the estimate x shows of motion, once it has settled: weights along time, and which pixels are still."""
         if self.calls == TUNED.settle and sigma <= TUNED.trusted:
-            self.weights = np.stack([time_weights(view) for view in x])
+            self.weights, self.largest = np.stack([time_weights(view) for view in x]), TUNED.time_most
         if self.prior.still and self.calls % TUNED.settle == 0:
             from priors.kernels.still import TUNED as STILL
 

@@ -22,7 +22,7 @@ from pnp_sci.plugins.resolve import as_prior
 from pnp_sci.sensing.operator import SensingOperator
 from pnp_sci.solvers.iterate import iterate
 
-MEASURED = Path(__file__).parent / "measured.json"  # made by `pnp-sci bench`; see docs/speed.md
+MEASURED = Path(__file__).parent / "measured.json"  # made by `pnp-sci bench`; see docs/results/speed.md
 LEARNED = ("torch", "safetensors")  # what the networks need
 USUAL = {"init": "auto", "algorithm": "gap", "effort": "balanced"}  # of `solve`, left out of a recommendation
 PLAIN = {"prior", "init", "iterations"}

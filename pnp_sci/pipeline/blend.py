@@ -28,8 +28,8 @@ def blended(problem: Problem, x: np.ndarray, other: np.ndarray) -> tuple[np.ndar
 
     ``s = min(0.5, 0.0015 / d) n^4 / (n^4 + 0.1^4)``, d the mean squared difference of the two and n the noise of y, as
     known or estimated, in a pixel of x, ``noise / sqrt(gram)``, by all masks also where fewer frames are modelled. As
-    with James and Stein's estimator (1961), what is far away counts little; without noise the solver knows better. What
-    is not finite stays as it is.
+    with James and Stein's estimator (1961), the share falls with the difference, and is 0 without noise. What is not
+    finite stays as it is.
 
     Examples
     --------

@@ -20,6 +20,7 @@ from pnp_sci.results.history import Record, Status
 from pnp_sci.scene.choose import choose_scene
 from pnp_sci.sensing.operator import SensingOperator
 from pnp_sci.sensing.problem import Problem, level
+from pnp_sci.sensing.scene_model import full
 from pnp_sci.solvers.iterate import ALGORITHMS, states
 from pnp_sci.solvers.plan import make_plan
 from pnp_sci.solvers.run import run
@@ -85,14 +86,21 @@ def reconstruct(
     def score(x: np.ndarray) -> float | None:
         return truth.psnr(scene.expand(x, op.shape), n, problem.unit) if truth else None
 
-    start = first_estimate(request.init, problem, scene, traits.network)
+    start = first_estimate(request.init, problem, scene, traits.network, request.device)
     name, decoded, x = start.name, start.decoded, scene.restrict(start.x)
     del start  # the first estimate is freed after the first step, but for a decoder's
     finish = _Finish(problem, reduced, session, x if decoded else None)
     iterates = states(reduced, problem.y, session, x, ALGORITHMS[plan.algorithm], plan.schedule, problem.saturated)
     del x
     state, status, records = run(
-        iterates, problem.y, plan, watch, score=score, saturated=problem.saturated, finish=finish
+        iterates,
+        problem.y,
+        plan,
+        watch,
+        noise=problem.typical_noise,
+        score=score,
+        saturated=problem.saturated,
+        finish=finish,
     )
     put(scene.expand(state.x, op.shape), out, problem.unit)
     facts = session.facts()
@@ -100,7 +108,7 @@ def reconstruct(
     records = [replace(record, measurement=n) for record in records]
     if truth and records:
         records[-1] = replace(records[-1], ssim=truth.ssim(out, n))
-    found = described | _counts(problem)
+    found = described | counts(problem)
     weights = list(facts.get("weights", []))
     return Outcome(problem, status, records, found, plan.describe(), name, finish.shares, weights)
 
@@ -117,7 +125,7 @@ class _Finish:
         x = shaped("what the prior's finish returns", x, state.x.shape, state.x.dtype)
         if self.decoded is not None:
             x, self.shares = blended(self.problem, x, self.decoded)
-        return state if x is state.x else replace(state, x=x, residual=self.problem.y - self.op.forward(x))
+        return replace(state, x=x, residual=self.problem.y - self.op.forward(x))
 
 
 def untouched(problem: Problem, out: np.ndarray, n: int, truth: Reference | None = None) -> Outcome:
@@ -127,7 +135,9 @@ def untouched(problem: Problem, out: np.ndarray, n: int, truth: Reference | None
     residual = relative_residual(state, length(problem.y) or 1.0, problem.saturated)
     psnr, ssim = (truth.psnr(state.x, n, problem.unit), truth.ssim(out, n)) if truth else (None, None)
     record = Record(0, 0.0, residual, float("nan"), psnr, ssim, n)
-    return Outcome(problem, Status.STOPPED, [record], _counts(problem), None, "adjoint", [], [])
+    scene = full(problem.op, "not judged: the callback had stopped the solver").describe(problem.op)
+    found = scene | {"at_rest": [None] * problem.op.shape[0]} | counts(problem)
+    return Outcome(problem, Status.STOPPED, [record], found, None, "adjoint", [], [])
 
 
 def put(x: np.ndarray, video: np.ndarray, unit: float) -> None:
@@ -145,7 +155,7 @@ def _judged_until(deadline: float | None) -> float:
     return np.inf if deadline is None else now + JUDGING * (deadline - now)
 
 
-def _counts(problem: Problem) -> dict[str, Any]:
+def counts(problem: Problem) -> dict[str, Any]:
     """Pixels of y that are saturated, and those that every mask leaves closed."""
     saturated = 0 if problem.saturated is None else int(problem.saturated.sum())
     return {"saturated": saturated, "closed": int((problem.op.gram == 0).sum())}
@@ -153,11 +163,12 @@ def _counts(problem: Problem) -> dict[str, Any]:
 
 def package_settings(request: Request, outcomes: Sequence[Outcome]) -> dict[str, Any]:
     """The settings of a result that say how it was obtained."""
-    starts, plans = {outcome.start for outcome in outcomes}, [outcome.plan for outcome in outcomes if outcome.plan]
+    solved = [outcome for outcome in outcomes if outcome.plan]
+    starts, plans = {outcome.start for outcome in solved}, [outcome.plan for outcome in solved]
     return request.settings() | {
         "weights": next((outcome.weights for outcome in outcomes if outcome.weights), []),
         "init": starts.pop() if len(starts) == 1 else "auto",
         "share": [outcome.shares for outcome in outcomes],
-        "iterations": max((plan["iterations"] for plan in plans), default=0),
+        "iterations": max((plan["iterations"] for plan in plans if plan), default=0),
         "plan": plans,
     }

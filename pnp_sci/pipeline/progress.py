@@ -11,7 +11,7 @@ from pnp_sci.solvers.state import State
 
 
 class Watch:
-    """Sees every iterate: moves the bar, if any, and asks the callback whether to stop."""
+    """Called with every iterate: moves the bar, if any, and asks the callback whether to stop."""
 
     def __init__(self, callback: Callable[[State], Any] | None, bar: Any = None):
         self.callback, self.bar, self.stopped = callback, bar, False

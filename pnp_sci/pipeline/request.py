@@ -48,6 +48,7 @@ class Request:
             "prior_options": as_plain(self.prior_options),
             "algorithm": self.algorithm,
             "effort": self.effort,
+            "scene": self.scene if isinstance(self.scene, str) else asdict(self.scene),
             "sensor": asdict(self.sensor),
             "sigma": self.sigma,
             "tol": self.tol,

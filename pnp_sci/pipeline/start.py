@@ -36,15 +36,17 @@ class Start:
     decoded: bool = False
 
 
-def first_estimate(init: Any, problem: Problem, scene: SceneModel, network: bool = False) -> Start:
+def first_estimate(
+    init: Any, problem: Problem, scene: SceneModel, network: bool = False, device: str | None = None
+) -> Start:
     """The start that an `init` argument of :func:`pnp_sci.solve` stands for.
 
     Beside a prior that is a `network`, "auto" is the quickest decoder, where it is installed and has weights for such
-    masks.
+    masks. A decoder that takes a `device` runs there.
     """
     if isinstance(init, str) and init == "auto":
         try:
-            return first_estimate(NETWORK if network else "adjoint", problem, scene)
+            return first_estimate(NETWORK if network else "adjoint", problem, scene, device=device)
         except FormatError:  # weights that are damaged
             raise
         except InputError:
@@ -52,7 +54,7 @@ def first_estimate(init: Any, problem: Problem, scene: SceneModel, network: bool
     if isinstance(init, str) and init == "adjoint":
         return Start(init, level(problem.op, problem.y))
     if isinstance(init, str):
-        return Start(init, _checked(decoder_for("init", init, {})(problem, scene), problem), decoded=True)
+        return Start(init, _checked(decoder_for("init", init, {}, device)(problem, scene), problem), decoded=True)
     if callable(init):
         x = decoder_for("init", init, {})(problem, scene)
     else:

@@ -4,17 +4,19 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
+from numbers import Real
 from typing import Any
 
 import numpy as np
 
-from pnp_sci.errors import InputError
+from pnp_sci._validate import whole
+from pnp_sci.errors import InputError, InputTypeError
 from pnp_sci.plugins.protocols import Prior, Session, Traits
 
 
 @dataclass(frozen=True)
 class Identity(Prior):
-    """The prior "none": nothing is assumed, and the projection is alone."""
+    """The prior "none": no denoising, the solver only projects."""
 
     def begin(self, shape: tuple[int, ...], dtype: np.dtype) -> Session:
         """A session that returns what it gets."""
@@ -25,7 +27,8 @@ class Identity(Prior):
 class FunctionPrior(Prior):
     """A function ``(x, sigma)`` that returns x (V, B, H, W) denoised, as a prior.
 
-    Two sessions call the same function. One that remembers a video from call to call must be a prior with sessions.
+    All sessions call the same function: one that remembers a video from call to call must be a prior with sessions. Its
+    x is the solver's buffer; copy what is to be kept.
     """
 
     function: Callable[[np.ndarray, float], Any]
@@ -80,8 +83,11 @@ class Joint(Prior):
     shares: Sequence[float] = ()
 
     def __post_init__(self):
-        shares = tuple(self.shares) or (1.0,) * len(self.members)
-        if len(shares) != len(self.members) or not all(0 < share < np.inf for share in shares):
+        if not self.members:
+            raise InputError("members is empty: at least one Prior was expected")
+        shares = list(self.shares) or [1.0] * len(self.members)
+        above_0 = all(isinstance(share, Real) and 0 < share < np.inf for share in shares)
+        if len(shares) != len(self.members) or not above_0:
             raise InputError(f"shares is {self.shares}: {len(self.members)} numbers > 0 were expected")
         object.__setattr__(self, "members", tuple(self.members))
         object.__setattr__(self, "shares", tuple(float(share) / sum(shares) for share in shares))
@@ -166,7 +172,10 @@ class Stages(Prior):
     stages: Sequence[tuple[Prior, int]]
 
     def __post_init__(self):
-        object.__setattr__(self, "stages", tuple((prior, int(calls)) for prior, calls in self.stages))
+        if not self.stages:
+            raise InputError("stages is empty: at least one (prior, calls) was expected")
+        stages = tuple((prior, whole("calls of a stage", calls, 1)) for prior, calls in self.stages)
+        object.__setattr__(self, "stages", stages)
 
     @property
     def calls(self) -> int:
@@ -174,7 +183,7 @@ class Stages(Prior):
         return sum(calls for _, calls in self.stages)
 
     def traits(self, shape: tuple[int, ...]) -> Traits:
-        """A sequence says itself how many calls it takes: it counts as plain."""
+        """The stages fix the number of calls, so that the sequence counts as plain."""
         return Traits()
 
     def begin(self, shape: tuple[int, ...], dtype: np.dtype) -> InTurn:
@@ -211,7 +220,7 @@ class InTurn(Session):
 
     def __init__(self, order: Sequence[Turn], shape: tuple[int, ...], dtype: np.dtype):
         self.order, self.calls, self.now = order, 0, 0
-        self.sessions = [turn.prior.begin(shape, dtype) for turn in order]  # all: what cannot begin is told at once
+        self.sessions = [_begun(turn.prior, shape, dtype) for turn in order]  # all: what cannot begin is told at once
 
     def __call__(self, v: np.ndarray, sigma: float, out: np.ndarray | None = None) -> np.ndarray:
         """Denoise with the prior whose turn it is."""
@@ -220,12 +229,19 @@ class InTurn(Session):
         return self.sessions[self.now](v, sigma, out)
 
     def finish(self, x: np.ndarray, sigma: float) -> np.ndarray:
-        """As the prior does that has served last."""
+        """Finish with the prior that has served last."""
         return self.sessions[self.now].finish(x, sigma)
 
     def facts(self) -> Mapping[str, Any]:
         """Of all that have served, the latest first."""
         return _merged([session.facts() for session in self.sessions[self.now :: -1]])
+
+
+def _begun(prior: Prior, shape: tuple[int, ...], dtype: np.dtype) -> Session:
+    session = prior.begin(shape, dtype)
+    if not isinstance(session, Session):
+        raise InputTypeError(f"prior: begin of {type(prior).__name__} returns {session!r}: a Session was expected")
+    return session
 
 
 def _merged(all_facts: Sequence[Mapping[str, Any]]) -> Mapping[str, Any]:

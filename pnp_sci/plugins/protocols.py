@@ -22,7 +22,7 @@ class Traits:
     strong : bool
         One call does much: some tens of calls suffice where a plain prior needs a hundred.
     network : bool
-        The prior needs PyTorch, and the solver may start from a decoder's estimate.
+        The solver may start from a decoder's estimate, and PyTorch is needed.
     warmup : (Prior, int), optional
         The prior that serves the first iterations in its place, and how many.
     serves_below : float
@@ -40,7 +40,7 @@ class Traits:
 
 @runtime_checkable
 class Session(Protocol):
-    """A prior at work on one video: whatever it remembers from call to call is here."""
+    """The state of a prior for one video."""
 
     def __call__(self, v: np.ndarray, sigma: float, out: np.ndarray | None = None) -> np.ndarray:
         """Denoise v.
@@ -67,13 +67,13 @@ class Session(Protocol):
         return x
 
     def facts(self) -> Mapping[str, Any]:
-        """What was found on the way, for the record: ``still`` (part of each view), ``weights`` (hashes); JSON only."""
+        """What is recorded in the result: ``still`` (part of each view), ``weights`` (list of hashes of networks)."""
         return {}
 
 
 @runtime_checkable
 class Prior(Protocol):
-    """What is assumed of a video, seen through a denoiser. Immutable: threads and processes may share one."""
+    """A denoiser that encodes what is assumed of a video. Immutable: threads and processes may share one."""
 
     def traits(self, shape: tuple[int, ...]) -> Traits:
         """What the solver must know beforehand, for videos (V, B, H, W) of this shape."""

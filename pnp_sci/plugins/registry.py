@@ -23,6 +23,12 @@ def available(kind: str) -> dict[str, Any]:
     return dict(sorted((_installed(kind) | _registered[kind]).items()))
 
 
+def installed(kind: str, name: str) -> Any:
+    """The plugin of an installed package of that name, whatever has been registered by hand; None if there is none."""
+    point = _installed(kind).get(name)
+    return None if point is None else point.load()
+
+
 def load(kind: str, name: str, argument: str = "") -> Any:
     """The plugin of that name: a class or function that makes a prior or a decoder from options.
 

@@ -123,10 +123,12 @@ def as_decoder(decoder: Any, **options: Any) -> Decoder:
     return decoder_for("decoder", decoder, options)
 
 
-def decoder_for(argument: str, decoder: Any, options: dict[str, Any]) -> Decoder:
-    """As :func:`as_decoder`; errors name the argument that it came by."""
+def decoder_for(argument: str, decoder: Any, options: dict[str, Any], device: str | None = None) -> Decoder:
+    """As :func:`as_decoder`; errors name the argument that it came by. A factory that takes a device gets that."""
     if isinstance(decoder, str):
         factory = registry.load("decoders", decoder, argument)
+        if device is not None and "device" in inspect.signature(factory).parameters:
+            options = {"device": device, **options}
         try:
             inspect.signature(factory).bind(**options)
         except TypeError as error:

@@ -60,7 +60,7 @@ class _TorchSession(Session):
         came = tuple(clean.shape) if isinstance(clean, torch.Tensor) else type(clean).__name__
         if came != tuple(frames.shape):
             raise InputError(f"prior {type(self.module).__name__} returns {came}: {tuple(frames.shape)} was expected")
-        return clean.reshape(v.shape).cpu().numpy()
+        return clean.reshape(v.shape).float().cpu().numpy()
 
 
 def is_torch_module(thing: Any) -> bool:

@@ -21,8 +21,8 @@ class Status(Enum):
     ITERATIONS = "the number of iterations was reached"
     TIME_BUDGET = "the time budget was spent"
     STOPPED = "the callback asked to stop"
-    DIVERGED = "the residual grew: the estimate with the smallest residual is returned"
-    NOT_FINITE = "an iterate was not finite: of those before, the one with the smallest residual is returned"
+    DIVERGED = "the residual grew: the last estimate with the smallest residual, up to the noise, is returned"
+    NOT_FINITE = "an estimate was not finite: the best one before is returned, or zeros if there is none"
 
     @property
     def ok(self) -> bool:
@@ -41,13 +41,13 @@ class Status(Enum):
 
 @dataclass(frozen=True)
 class Record:
-    """One iteration; the last one together with what solve has made of its estimate.
+    """One iteration; the last record is of the estimate that is returned.
 
     Attributes
     ----------
     iteration : int
     seconds : float
-        Since the solver began with this measurement.
+        Since the first iteration; scene model and first estimate are not included.
     residual : float
         ``||y - Phi x|| / ||y||``; of saturated pixels only what Phi x falls short of y counts.
     sigma : float

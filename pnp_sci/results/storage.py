@@ -15,7 +15,7 @@ from pnp_sci.formats.replacing import replacing
 from pnp_sci.results.history import History, Status
 
 SUFFIXES = ".npz", ".h5", ".hdf5"
-_STATUSES_OF_0_1_0 = {  # sentences that older files hold
+_EARLIER_STATUSES = {  # sentences that older files hold
     "the residual grew: the best iterate before that is returned": Status.DIVERGED,
     "an iterate was not finite: the last finite one is returned": Status.NOT_FINITE,
 }
@@ -68,19 +68,19 @@ def load(path: Path) -> dict[str, Any]:
 
 def _fields(parts: Mapping[str, Any]) -> dict[str, Any]:
     settings, x, status = json.loads(str(parts["settings"])), parts["x"], str(parts["status"])
-    scenes = json.loads(str(parts["scenes"])) if "scenes" in parts else _scenes_of_0_1_0(parts["scene"])
+    scenes = json.loads(str(parts["scenes"])) if "scenes" in parts else _earlier_scenes(parts["scene"])
     if x.ndim not in (4, 5) or x.dtype.kind != "f" or not (isinstance(settings, dict) and isinstance(scenes, list)):
         raise FormatError(f"x is {x.dtype} {x.shape}, settings and scenes are {settings!r:.40} and {scenes!r:.40}")
     return {
         "x": x,
-        "status": _STATUSES_OF_0_1_0.get(status) or Status(status),
+        "status": _EARLIER_STATUSES.get(status) or Status(status),
         "history": History.from_table(parts["history"]),
         "settings": settings,
         "scenes": scenes,
     }
 
 
-def _scenes_of_0_1_0(text: Any) -> list[dict[str, Any]]:
+def _earlier_scenes(text: Any) -> list[dict[str, Any]]:
     """Older files hold the scene of one measurement, or those of several as "measurements"."""
     scene = json.loads(str(text))
     if not isinstance(scene, dict):

@@ -8,12 +8,14 @@ import numpy as np
 
 from pnp_sci._tuned import Tuned
 from pnp_sci.plugins import registry
-from pnp_sci.plugins.resolve import as_prior
 from pnp_sci.scene.select import judge, patience
 from pnp_sci.sensing.problem import Problem
 from pnp_sci.sensing.scene_model import SceneModel, full
 
-QUICK, CAREFUL = "tv", "flow"  # priors of the estimates that are compared; neither may find by itself what is still
+QUICK, CAREFUL = (
+    "tv",
+    "flow",
+)  # priors of the estimates that are compared; both with still=False: the scene model is tested
 SMALLEST = 32  # pixels a side: smaller pictures show no motion
 
 
@@ -50,11 +52,10 @@ def choose_scene(
     """
     if isinstance(scene, SceneModel):
         return scene
-    installed = registry.available("priors")
-    if scene == "full" or QUICK not in installed:
+    tv, flow = (registry.installed("priors", name) for name in (QUICK, CAREFUL))
+    if scene == "full" or tv is None:
         return full(problem.op)
-    quick = as_prior(QUICK, still=False)
-    if not careful or min(problem.op.shape[2:]) < SMALLEST or CAREFUL not in installed:
+    quick = tv(still=False)
+    if not careful or flow is None or min(problem.op.shape[2:]) < SMALLEST:
         return judge(problem, quick, until=until)
-    flow = as_prior(CAREFUL, first=patience(problem.op) // 2, still=False, **asdict(TUNED))
-    return judge(problem, quick, flow, each_view, until)
+    return judge(problem, quick, flow(first=patience(problem.op) // 2, still=False, **asdict(TUNED)), each_view, until)

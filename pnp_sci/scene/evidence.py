@@ -45,7 +45,7 @@ def at_most(share: float, simple: np.ndarray, other: np.ndarray) -> bool:
     return bool(other.mean() > 0 and simple.mean() <= share * other.mean())
 
 
-def whatever(simple: np.ndarray, other: np.ndarray) -> bool:
+def always(simple: np.ndarray, other: np.ndarray) -> bool:
     """No condition on the errors."""
     return True
 

@@ -11,7 +11,7 @@ import numpy as np
 
 from pnp_sci._tuned import Tuned
 from pnp_sci.plugins.protocols import Prior
-from pnp_sci.scene.evidence import at_most, beyond, beyond_chance, contested_tile, evidence, view_levels, whatever
+from pnp_sci.scene.evidence import always, at_most, beyond, beyond_chance, contested_tile, evidence, view_levels
 from pnp_sci.sensing.operator import SensingOperator
 from pnp_sci.sensing.problem import Problem, level
 from pnp_sci.sensing.scene_model import SceneModel, full
@@ -66,7 +66,7 @@ def judge(
         sparse masks, many frames or small pictures, TV does not tell a still scene from a moving one, but flow does.
     each_view : bool
         Whether single views that stand still beside moving ones are looked for, with the careful prior. All models
-        share the errors of the moving view: one frame must predict better by two standard errors.
+        share the errors of the moving view: one frame must predict better by 1.645 standard errors.
     until : float
         A moment of ``time.perf_counter``: a model that has not shown by then that it is better is not taken.
     """
@@ -93,7 +93,7 @@ def judge(
         looks = {early: partial(at_most, TUNED.perhaps)} | clearly
         return still if predicts_better(still, chosen, quick, looks) else chosen
     by_tv = dict.fromkeys((early, half), partial(at_most, TUNED.perhaps))
-    by_flow = {soon: partial(at_most, TUNED.carefully), later: whatever}
+    by_flow = {soon: partial(at_most, TUNED.carefully), later: always}
     if predicts_better(still, chosen, careful, by_tv | by_flow, TUNED.doubt):
         return still
     beside = dict.fromkeys((early, half), partial(at_most, NO_WORSE)) | {later: beyond_chance}

@@ -39,7 +39,7 @@ def gap_step(
     x <- D_sigma(v)``
 
     With ``rho = 0`` and ``tau = 1`` this is accelerated GAP (Liao, Li & Carin 2014; Yuan 2016, Eq. 9), where q is the
-    accumulated residual and the limit measures y exactly. With ``rho > 0`` the multiplier q leaks: the residual of the
+    accumulated residual and the limit measures y exactly. With ``rho > 0`` the multiplier q decays: the residual of the
     limit is ``rho q / gram``, so that noise is not fitted. (With ``tau = 1`` it is the primal-dual form of ADMM for
     ``||y - Phi x||^2 / (2 rho) + prior`` in the metric of gram.) The fixed points do not depend on tau, which
     :func:`pace_after` sets. A saturated pixel is a bound ``Phi x >= y``: its multiplier q is never negative.

@@ -8,7 +8,7 @@ from typing import Any
 
 import numpy as np
 
-from pnp_sci._validate import one_of, shaped
+from pnp_sci._validate import finite_number, instance, one_of, shaped
 from pnp_sci.plugins.combine import InTurn, turns
 from pnp_sci.plugins.protocols import Session
 from pnp_sci.plugins.resolve import as_prior
@@ -69,7 +69,11 @@ def iterate(
     >>> [float(abs(s.residual).max()) for s in itertools.islice(states, 2)]
     [1.0, 0.0]
     """
+    instance("op", op, SensingOperator)
     one_of("algorithm", algorithm, ALGORITHMS)
+    y, x = shaped("y", y, op.shape[2:], op.dtype), shaped("x", x, op.shape, op.dtype)
+    noise = shaped("noise", noise, op.shape[2:], op.dtype) if np.ndim(noise) else finite_number("noise", noise)
+    sigma = None if sigma is None else finite_number("sigma", sigma)
     session = InTurn(turns(as_prior(prior), op.shape), op.shape, op.dtype)
     return states(op, y, session, x, ALGORITHMS[algorithm], schedule_for(op, noise, sigma), saturated)
 

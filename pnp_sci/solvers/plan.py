@@ -44,7 +44,7 @@ class Plan:
     iterations : int
         The largest number.
     tol : float
-        A change of ``||Phi x||`` by less than this share of ``||y||`` counts as none.
+        A change of Phi x by less than this share of ``||y||`` counts as none; `tol` times the contrast of the masks.
     least : int
         Iterations before which no change counts as none: those before the last prior serves.
     deadline : float or None
@@ -65,12 +65,18 @@ class Plan:
         return call >= 0 and self.serves[serving(self.serves, call, self.schedule.at(call)[0])].average
 
     def describe(self) -> dict[str, Any]:
-        """For `Result.settings`, as JSON can hold it."""
+        """For `Result.settings`, as JSON can hold it: what the planned iterations do."""
+        calls = [serving(self.serves, k, self.schedule.at(k)[0]) for k in range(self.iterations)]
+        sigma, rho = self.schedule.at(self.iterations - 1)
         return {
             "algorithm": self.algorithm,
-            "serves": [{"name": _name(t.prior), "prior": repr(t.prior), "from": t.begins} for t in self.serves],
-            "sigma": [self.schedule.first, self.schedule.last],
-            "rho": float(np.mean(self.schedule.at(self.iterations)[1])),
+            "serves": [
+                {"name": _name(turn.prior), "prior": repr(turn.prior), "from": calls.index(place)}
+                for place, turn in enumerate(self.serves)
+                if place in calls
+            ],
+            "sigma": [self.schedule.first, sigma],
+            "rho": float(np.mean(rho)),
             "iterations": self.iterations,
             "tol": self.tol,
         }

@@ -34,6 +34,7 @@ def run(
     plan: Plan,
     observe: Callable[[State, Record], bool],
     *,
+    noise: float = 0.0,
     score: Score | None = None,
     saturated: np.ndarray | None = None,
     finish: Callable[[State], State] | None = None,
@@ -41,9 +42,9 @@ def run(
     """Take states until the plan ends them, the observer asks to stop, or the guard sees a failure.
 
     Where the plan says so, what is observed and returned is a running mean of the iterates; the solver goes on from the
-    iterates themselves, and guard and plateau look at them. `finish` makes of the last estimate the one that is
-    returned. After a failure the estimate with the smallest residual is returned as it is, and the records end with it.
-    Time spent in `score` and `observe` is not counted.
+    iterates themselves, and failure and convergence are tested on them. `finish` makes of the last estimate the one
+    that is returned. After a failure the last estimate with the smallest residual is returned, residuals below the
+    `noise` of y counting as equal, and the records end with it. Time spent in `score` and `observe` is not counted.
 
     Returns
     -------
@@ -51,7 +52,12 @@ def run(
         The last record is of the estimate that is returned.
     """
     norm = length(y) or 1.0
-    clock, guard, stopping, mean = _Clock(time.perf_counter()), Guard(norm), Stopping(plan, norm), RunningMean()
+    clock, guard, stopping, mean = (
+        _Clock(time.perf_counter()),
+        Guard(noise * y.size**0.5 / norm),
+        Stopping(plan, norm),
+        RunningMean(),
+    )
     records: list[Record] = []
 
     def record_of(state: State, seconds: float) -> Record:
@@ -81,8 +87,7 @@ def run(
         finished = finish(estimate)
         if not np.isfinite(length(finished.residual)):
             return _before_failure(guard.best or estimate, Status.NOT_FINITE, records)
-        if finished is not estimate:
-            estimate, records[-1] = finished, record_of(finished, clock.seconds())
+        estimate, records[-1] = finished, record_of(finished, clock.seconds())
     return estimate, status, records  # type: ignore[return-value]
 
 

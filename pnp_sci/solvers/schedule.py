@@ -78,8 +78,8 @@ def schedule_for(op: SensingOperator, noise: float | np.ndarray, sigma: float | 
 
     The minimum that GAP and ADMM approach depends on the product ``sigma * rho`` only; how quickly they approach it
     depends on both. The product is the variance of the noise times a balance: 0.6 for faint noise, since an estimate of
-    it is mostly texture then, and for 20 frames of all views or more; up to 6 for one frame. Strong noise takes a part
-    of it off, since the best weight of total variation then grows like the noise and not like its square.
+    it is mostly texture then, and for 20 frames of all views or more; up to 6.3 for one frame. It is smaller for strong
+    noise, since the best weight of total variation then grows like the noise and not like its square.
 
     Without noise sigma is 0.05. With noise sigma begins where rho is 0.15 of the mean gram, if that is larger. It falls
     within 40 iterations to the geometric mean of both, so that motion and detail become visible. Where pixels differ in

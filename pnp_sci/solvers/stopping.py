@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import time
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -26,13 +26,14 @@ TUNED = StoppingNumbers()
 
 
 class Guard:
-    """Sees a failure: an iterate that is not finite, or a residual that has grown beyond all use.
+    """Detects failures: values that are not finite, or a relative residual above 10.
 
-    Keeps the estimate whose residual is the smallest, to return it after a failure.
+    Keeps the estimate to return after a failure: the last one with the smallest relative residual. Residuals below the
+    `floor`, that of the noise, count as equal.
     """
 
-    def __init__(self, norm: float):
-        self.norm = norm
+    def __init__(self, floor: float = 0.0):
+        self.floor = floor
         self.best: State | None = None
         self.smallest = np.inf
 
@@ -43,9 +44,9 @@ class Guard:
         return Status.DIVERGED if relative > EXPLODED else None
 
     def keep(self, estimate: State, relative: float) -> None:
-        """Remember the estimate if no other has so small a residual."""
-        if relative <= self.smallest:
-            self.best, self.smallest = estimate, relative
+        """Remember the estimate if no other explains y better."""
+        if relative <= max(self.smallest, self.floor):
+            self.best, self.smallest = replace(estimate, dual=estimate.residual), min(relative, self.smallest)
 
 
 class Stopping:
@@ -61,7 +62,7 @@ class Stopping:
     def reason(self, state: State, lasted: float, finishes: bool) -> Status | None:
         """Why to stop after this iterate, whose iteration lasted so many seconds; None if there is no reason.
 
-        As much time as the slowest iteration but the first took is left for finishing.
+        Time for finishing is reserved: that of the slowest iteration, the first excluded.
         """
         if self.before is not None:
             change = length(state.residual - self.before) / self.norm

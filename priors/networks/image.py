@@ -7,6 +7,8 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from pnp_sci._optional import needed_for
+
 if TYPE_CHECKING:
     from priors.networks.runner import Runner
 
@@ -23,10 +25,8 @@ def runner(name: str, weights: str | Path | None = None, device: str | None = No
     DataUnavailableError, FormatError, InputError
         If the file does not exist or cannot be read, or the device cannot be used.
     """
-    try:
+    with needed_for(f"the prior {name!r}", "learned"):
         from priors.networks.runner import opened
-    except ImportError as error:
-        raise ImportError(f"the prior '{name}' needs torch and safetensors: pip install 'pnp-sci[learned]'") from error
     return opened(Path(weights or WEIGHTS / f"{name}.safetensors"), name, device)
 
 

@@ -147,7 +147,8 @@ def test_the_result_holds_the_plan_of_each_measurement(scene):
     assert len(plans) == 2
     for n, plan in enumerate(plans):
         assert json.loads(json.dumps(plan)) == plan
-        assert [turn["from"] for turn in plan["serves"]] == [0, 3]
+        first, then = (turn["from"] for turn in plan["serves"])
+        assert (first, then) == (0, 3) if n == 0 else then > 3, "TV serves while sigma is large"
         told = [record.sigma for record in result.history if record.measurement == n]
         assert [told[1], told[-1]] == pytest.approx(plan["sigma"], rel=0.01)
     assert plans[0]["sigma"][0] < plans[1]["sigma"][0]

@@ -34,11 +34,19 @@ def reasons(made, residuals, lasted=0.0, finishes=False):
 
 @given(st.lists(st.floats(0, 5), min_size=1, max_size=9))
 def test_the_guard_keeps_the_estimate_with_the_smallest_residual(residuals):
-    guard = Guard(1.0)
+    guard = Guard()
     for n, residual in enumerate(residuals):
         guard.keep(state(residual, n), residual)
     assert guard.best is not None
     assert guard.best.residual.max() == min(residuals)
+
+
+def test_below_the_noise_the_last_estimate_counts():
+    guard = Guard(floor=0.5)
+    for n, residual in enumerate((0.9, 0.1, 0.4, 0.7)):
+        guard.keep(state(residual, n), residual)
+    assert guard.best is not None
+    assert guard.best.iteration == 2
 
 
 @pytest.mark.parametrize("value", [np.nan, np.inf, -np.inf])
