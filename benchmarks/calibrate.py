@@ -36,13 +36,14 @@ FAST, STRONG = ("tv", "flow"), ("flow", "video")
 SERVES = {
     "pnp_sci.solvers.schedule": (FAST, "noise"),
     "pnp_sci.solvers.gap": (FAST, "moving noise"),
-    "pnp_sci.solvers.plan": (("flow",), "moving noise"),
+    "pnp_sci.solvers.effort": (("flow",), "moving noise"),
     "pnp_sci.solvers.stopping": (("tv",), "moving noise"),
     "pnp_sci.api": (("tv",), "moving noise"),
     "pnp_sci.solvers.averaging": (STRONG, "moving noise"),
     "pnp_sci.pipeline.blend": (("video",), "noise"),
-    "pnp_sci.scene.select": (FAST, "scene"),
+    "pnp_sci.scene.judge": (FAST, "scene"),
     "pnp_sci.scene.evidence": (FAST, "scene"),
+    "pnp_sci.scene.dark_views": (FAST, "scene"),
     "pnp_sci.scene.choose": (("flow",), "scene"),
     "pnp_sci.sensing.problem": (("tv",), "moving noise"),
     "pnp_sci.sensing.noise": (("tv",), "moving noise"),
@@ -59,8 +60,8 @@ SERVES = {
     "ofanet_init.decoder": (("decode:ofanet-fast",), "moving noise"),
 }
 ALSO = {"pnp_sci.solvers.schedule.sigma": "moving"}
-ONLY = {"priors.tv.warmup": STRONG, "pnp_sci.solvers.plan.plain": ("tv",)}
-EFFORT = {"pnp_sci.solvers.plan.fast": "fast", "pnp_sci.solvers.plan.best": "best"}
+ONLY = {"priors.tv.warmup": STRONG, "pnp_sci.solvers.effort.plain": ("tv",)}
+EFFORT = {"pnp_sci.solvers.effort.fast": "fast", "pnp_sci.solvers.effort.best": "best"}
 OFF = json.loads((Path(__file__).parent / "calibrate_off.json").read_text())  # values that switch a number off
 
 

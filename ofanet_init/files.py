@@ -8,7 +8,7 @@ from pathlib import Path
 
 from ofanet_init.config import OFaNetConfig
 from ofanet_init.network import OFaNet
-from pnp_sci.accel import weights
+from pnp_sci.formats import weights
 
 FOLDER = Path(__file__).with_name("weights")
 
@@ -19,7 +19,7 @@ def save(path: str | Path, network: OFaNet) -> str:
 
 
 def load(path: str | Path) -> tuple[OFaNet, str]:
-    """Read a network from `path`, with the SHA-256 of its weights; raises as :func:`pnp_sci.accel.weights.read`."""
+    """Read a network from `path`, with the SHA-256 of its weights; raises as :func:`pnp_sci.formats.weights.read`."""
     tensors, metadata = weights.read(path, {"model": "ofanet"}, "python -m ofanet_init.train")
     network = OFaNet(OFaNetConfig(**json.loads(metadata["config"])))
     weights.fill(network, tensors, path)

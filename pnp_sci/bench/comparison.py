@@ -16,7 +16,7 @@ from pnp_sci.bench.methods import Method, Source
 from pnp_sci.bench.runner import machine, scores
 from pnp_sci.errors import InputError
 from pnp_sci.masks import condition
-from pnp_sci.pipeline.defaults import prior_for
+from pnp_sci.pipeline.auto import prior_for
 from pnp_sci.pipeline.reference import Reference
 from pnp_sci.plugins.resolve import as_prior
 from pnp_sci.results.result import Result

@@ -17,7 +17,7 @@ import numpy as np
 
 from pnp_sci._optional import needed_for
 from pnp_sci.errors import FormatError, InputError, InputTypeError, MissingExtraError
-from pnp_sci.formats import mat as _mat
+from pnp_sci.formats import mat_check as _mat
 
 ONLY = "array"  # key of the array in formats that hold one array without a name
 MAT = {".mat"}

@@ -8,7 +8,7 @@ from typing import Any
 
 from pnp_sci._validate import finite_number, instance, one_of, whole
 from pnp_sci.advice.recommend import prior_within
-from pnp_sci.pipeline.defaults import prior_for
+from pnp_sci.pipeline.auto import prior_for
 from pnp_sci.plugins.combine import Stages
 from pnp_sci.plugins.protocols import Prior
 from pnp_sci.plugins.resolve import as_prior
@@ -16,8 +16,8 @@ from pnp_sci.sensing.operator import SensingOperator
 from pnp_sci.sensing.problem import check_noise, check_scene
 from pnp_sci.sensing.scene_model import SceneModel
 from pnp_sci.sensing.sensor import Sensor
+from pnp_sci.solvers.effort import EFFORTS
 from pnp_sci.solvers.iterate import ALGORITHMS
-from pnp_sci.solvers.plan import EFFORTS
 
 
 @dataclass(frozen=True, eq=False)

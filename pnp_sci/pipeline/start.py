@@ -9,7 +9,7 @@ import numpy as np
 
 from pnp_sci._validate import real_array, require_finite, shaped
 from pnp_sci.errors import FormatError, InputError
-from pnp_sci.pipeline.defaults import NETWORK
+from pnp_sci.pipeline.auto import NETWORK
 from pnp_sci.plugins.resolve import decoder_for
 from pnp_sci.sensing.problem import Problem, level
 from pnp_sci.sensing.scene_model import SceneModel

@@ -1,4 +1,4 @@
-"""Priors made of others: plain functions, several at once, and stages one after the other."""
+"""Priors made of others: plain functions, several at once ("tv+wavelet"), and stages one after the other."""
 
 from __future__ import annotations
 

@@ -8,7 +8,7 @@ import numpy as np
 
 from pnp_sci._tuned import Tuned
 from pnp_sci.plugins import registry
-from pnp_sci.scene.select import judge, patience
+from pnp_sci.scene.judge import judge, patience
 from pnp_sci.sensing.problem import Problem
 from pnp_sci.sensing.scene_model import SceneModel, full
 

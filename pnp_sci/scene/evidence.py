@@ -24,22 +24,6 @@ class TileNumbers(Tuned):
 TUNED = TileNumbers()
 
 
-def view_levels(op: SensingOperator, y: np.ndarray) -> np.ndarray:
-    """The mean level of each view (V,): least squares of y on the sum of each view's masks, local means subtracted.
-
-    The sums vary from pixel to pixel by the random pattern only. No scene follows that pattern, so that the part of y
-    that does belongs to the view.
-    """
-    from scipy.ndimage import gaussian_filter
-
-    sums = op.masks.sum(1, dtype=np.float64)
-    fine = np.stack([s - gaussian_filter(s, 4, mode="nearest") for s in sums]).reshape(len(sums), -1)
-    detail = (y - gaussian_filter(y.astype(np.float64), 4, mode="nearest")).reshape(-1)
-    normal = np.einsum("vp,wp->vw", fine, fine)  # einsum does not start threads, which would disturb the kernels
-    # eigenvalues below 1e-10 of the largest are rounding: such views cannot be told apart, and share the light
-    return np.abs(np.linalg.pinv(normal, rcond=1e-10, hermitian=True) @ np.einsum("vp,p->v", fine, detail))
-
-
 def at_most(share: float, simple: np.ndarray, other: np.ndarray) -> bool:
     """Whether the squared errors of the simple model are at most such a share of the other's, beyond the noise."""
     return bool(other.mean() > 0 and simple.mean() <= share * other.mean())

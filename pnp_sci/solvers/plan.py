@@ -1,33 +1,17 @@
-"""All that is decided before the first iteration: which prior serves when, sigma and rho, when to stop."""
+"""All that is decided before the first iteration: which prior serves when, sigma and rho, and the limits."""
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
 
-from pnp_sci._tuned import Tuned
 from pnp_sci.plugins.combine import Joint, Stages, Turn, serving, turns
 from pnp_sci.plugins.protocols import Prior
 from pnp_sci.sensing.operator import SensingOperator
+from pnp_sci.solvers.effort import iterations_for
 from pnp_sci.solvers.schedule import Schedule, contrast, schedule_for
-
-
-@dataclass(frozen=True)
-class EffortNumbers(Tuned):
-    """Iterations of an effort."""
-
-    plain: int = 100  # iterations of a plain prior, balanced; half as many fast, twice as many for the best
-    fast: int = 20  # calls of a strong prior after its warm-up
-    balanced: int = 30
-    per_frame: float = 1.5  # ... for each frame of all views, where that is more, but not more than the best effort
-    best: int = 50
-
-
-TUNED = EffortNumbers()
-EFFORTS = {"fast": 0.5, "balanced": 1, "best": 2}  # iterations of a plain prior, in those of the balanced effort
 
 
 @dataclass(frozen=True, eq=False)
@@ -110,19 +94,8 @@ def make_plan(
     if iterations is None:
         iterations = prior.calls if isinstance(prior, Stages) else None
     if iterations is None:
-        iterations = enough(prior, op.shape, effort, schedule)
+        iterations = iterations_for(effort, prior, op.shape, schedule)
     return Plan(algorithm, order, schedule, iterations, tol * contrast(op), order[-1].begins, deadline)
-
-
-def enough(prior: Prior, shape: Sequence[int], effort: str, schedule: Schedule) -> int:
-    """How many iterations an effort allows for videos of this shape; noise takes some of those of a strong prior."""
-    traits = prior.traits(tuple(shape))
-    if not traits.strong:
-        return round(EFFORTS[effort] * TUNED.plain)
-    frames = shape[0] * shape[1]
-    balanced = min(max(round(TUNED.per_frame * frames), TUNED.balanced), TUNED.best)
-    calls = {"fast": TUNED.fast, "balanced": balanced, "best": TUNED.best}[effort]
-    return (traits.warmup[1] if traits.warmup else 0) + schedule.enough(TUNED.fast, calls)
 
 
 def _name(prior: Prior) -> str:

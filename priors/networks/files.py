@@ -8,8 +8,8 @@ from pathlib import Path
 
 import torch
 
-from pnp_sci.accel import weights
 from pnp_sci.errors import FormatError
+from pnp_sci.formats import weights
 from priors.networks.unet import Architecture, Network
 
 

@@ -111,7 +111,7 @@ def test_auto_is_video_alone_or_with_flow(effort, prior):
 
 @pytest.mark.parametrize("effort", ["balanced", "best"])
 def test_auto_without_torch_is_flow(monkeypatch, effort):
-    monkeypatch.setattr("pnp_sci.pipeline.defaults.find_spec", lambda name: None)
+    monkeypatch.setattr("pnp_sci.pipeline.auto.find_spec", lambda name: None)
     scene = datasets.embedded_scene(32)
     result = pnp_sci.solve(scene.y, scene.masks, "auto", effort=effort, iterations=2)
     assert result.settings["prior"] == "flow"

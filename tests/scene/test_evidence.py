@@ -4,7 +4,8 @@ import numpy as np
 import pytest
 
 from pnp_sci import SensingOperator
-from pnp_sci.scene.evidence import at_most, beyond, beyond_chance, contested_tile, evidence, view_levels
+from pnp_sci.scene.dark_views import view_levels
+from pnp_sci.scene.evidence import at_most, beyond, beyond_chance, contested_tile, evidence
 from pnp_sci.sensing.scene_model import SceneModel, full
 
 

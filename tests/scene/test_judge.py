@@ -6,7 +6,7 @@ import pytest
 import pnp_sci
 from pnp_sci import SceneModel, datasets, solve
 from pnp_sci.plugins import registry
-from pnp_sci.scene import select
+from pnp_sci.scene import judge as select
 from pnp_sci.scene.evidence import at_most
 from priors.flow import Flow
 from priors.tv import TV
@@ -109,8 +109,8 @@ def test_what_is_compared_finds_nothing_still_by_itself(monkeypatch, scene, stil
         return Recorded
 
     y = pnp_sci.simulate(still, scene.masks)
-    for name, prior in (("tv", TV), ("flow", Flow)):
-        monkeypatch.setitem(registry._registered["priors"], name, recorded(prior))
+    own = {"tv": recorded(TV), "flow": recorded(Flow)}
+    monkeypatch.setattr(registry, "installed", lambda kind, name: own[name])
     assert solve(y, scene.masks, "bm3d", iterations=1).scene["still"]
     assert set(made) == {(TV, False), (Flow, False)}
 
@@ -186,5 +186,5 @@ def test_a_view_that_is_not_dropped_stays_in_the_still_model(monkeypatch, scene)
     """A dim second view passes for dark by its level; if y says otherwise it must not vanish by the back door."""
     truth = scene.truth * np.array([1, 0.01], np.float32)[:, None, None, None]
     y = pnp_sci.simulate(truth, scene.masks)
-    monkeypatch.setattr("pnp_sci.scene.select._Comparison.__call__", lambda _, simple, *rest: simple.nothing_moves)
+    monkeypatch.setattr("pnp_sci.scene.judge._Comparison.__call__", lambda _, simple, *rest: simple.nothing_moves)
     assert solve(y, scene.masks, iterations=1).scene["views"] == (True, True)

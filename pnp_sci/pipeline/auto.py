@@ -6,7 +6,7 @@ from importlib.util import find_spec
 
 from pnp_sci._validate import one_of
 from pnp_sci.advice.recommend import LEARNED
-from pnp_sci.solvers.plan import EFFORTS
+from pnp_sci.solvers.effort import EFFORTS
 
 AUTO = {"fast": "tv", "balanced": "video", "best": "both"}  # the prior "auto"
 AUTO_UNLEARNED = {"fast": "tv", "balanced": "flow", "best": "flow"}  # ... where PyTorch is missing

@@ -11,7 +11,8 @@ import numpy as np
 
 from pnp_sci._tuned import Tuned
 from pnp_sci.plugins.protocols import Prior
-from pnp_sci.scene.evidence import always, at_most, beyond, beyond_chance, contested_tile, evidence, view_levels
+from pnp_sci.scene.dark_views import lit_views
+from pnp_sci.scene.evidence import always, at_most, beyond, beyond_chance, contested_tile, evidence
 from pnp_sci.sensing.operator import SensingOperator
 from pnp_sci.sensing.problem import Problem, level
 from pnp_sci.sensing.scene_model import SceneModel, full
@@ -29,7 +30,6 @@ NO_WORSE = 1.0  # ratio of errors up to which a model without a view, or with on
 class SceneNumbers(Tuned):
     """When a simpler model is taken; ratios are of its squared error to that of the full one, beyond the noise."""
 
-    dark: float = 0.08  # level of a view that may be absent, in units of the brightest one's
     least: int = 60  # iterations of a quick estimate, at least
     per_frame: int = 3  # iterations of a quick estimate for each frame of all views
     perhaps: float = 1.2  # largest ratio, early; its inverse at the end of quick estimates
@@ -77,8 +77,7 @@ def judge(
     early, half, soon, later = last // 3, last // 2, last // 2 + last // 5, last // 2 + last // 3  # iterations of looks
     clearly = {last: partial(at_most, 1 / TUNED.perhaps)}
     no_worse = dict.fromkeys((half, soon), partial(at_most, NO_WORSE))
-    levels = view_levels(op, problem.y)
-    lit = tuple(bool(v) for v in levels > TUNED.dark * levels.max())
+    lit = lit_views(op, problem.y)
     if not all(lit) and any(lit):
         dark = ", ".join(str(v + 1) for v, on in enumerate(lit) if not on)
         without = SceneModel(lit, False, f"view {dark} is dark: y is explained without it")
