@@ -50,7 +50,8 @@ class Plan:
 
     def describe(self) -> dict[str, Any]:
         """For `Result.settings`, as JSON can hold it: what the planned iterations do."""
-        calls = [serving(self.serves, k, self.schedule.at(k)[0]) for k in range(self.iterations)]
+        settled = max(self.serves[-1].begins, self.schedule.falls) + 1  # calls after which nothing changes
+        calls = [serving(self.serves, k, self.schedule.at(k)[0]) for k in range(min(self.iterations, settled))]
         sigma, rho = self.schedule.at(self.iterations - 1)
         return {
             "algorithm": self.algorithm,

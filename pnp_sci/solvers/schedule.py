@@ -67,6 +67,11 @@ class Schedule:
             return most
         return min(most, round(fast + TUNED.more * (TUNED.sigma / max(self.last, TUNED.sigma)) ** 4))
 
+    @property
+    def falls(self) -> int:
+        """Iterations until sigma has reached its last value."""
+        return TUNED.fall if self.first != self.last else 0
+
     def at(self, iteration: int) -> tuple[float, float | np.ndarray]:
         """sigma and rho of an iteration, counted from 0."""
         sigma = self.first * (self.last / self.first) ** min(iteration / TUNED.fall, 1) if self.first > 0 else 0.0
