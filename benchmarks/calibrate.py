@@ -202,13 +202,21 @@ def measure(name, value, method, effort, case):
     y, masks, truth = case.load(_clips)
     with changed(name, value):
         begin = time.process_time()
-        if method.startswith("decode:"):
-            x = pnp_sci.decode(y, masks, method[7:], scene="full").x
-        else:
-            scene = "auto" if case.kind == "scene" else "full"
-            x = pnp_sci.solve(y, masks, method, effort=effort, scene=scene, threads=1).x
+        try:
+            x = _solved(method, effort, case, y, masks)
+        except (ValueError, ArithmeticError):  # a value that cannot be
+            return float("nan"), float("nan")
         seconds = time.process_time() - begin
     return float(np.mean(np.minimum(pnp_sci.psnr(x, truth), 60))), seconds
+
+
+def _solved(method, effort, case, y, masks):
+    import pnp_sci
+
+    if method.startswith("decode:"):
+        return pnp_sci.decode(y, masks, method[7:], scene="full").x
+    scene = "auto" if case.kind == "scene" else "full"
+    return pnp_sci.solve(y, masks, method, effort=effort, scene=scene, threads=1).x
 
 
 def tasks(names, values):
@@ -242,6 +250,8 @@ def sweep(names, values, jobs, log):
     with ProcessPoolExecutor(jobs, mp_context=get_context("spawn"), initializer=prepare) as pool, log.open("a") as file:
         futures = {pool.submit(measure, *task): key for key, task in zip(filter(lambda k: k not in done, wanted), left)}
         for future in as_completed(futures):
+            if future.exception():
+                pool.shutdown(cancel_futures=True)
             key = futures[future]
             done[key] = future.result()
             file.write(json.dumps([*json.loads(key), *done[key]]) + "\n")
@@ -308,7 +318,11 @@ def _cell(row):
     if row is None:
         return "-"
     other, mean, worst, seconds = row
-    return f"{as_text(other)}: {mean:+.3f} ({worst:+.2f}), {seconds:.2f}"
+    return (
+        f"{as_text(other)}: {mean:+.3f} ({worst:+.2f}), {seconds:.2f}"
+        if mean == mean
+        else f"{as_text(other)}: cannot be"
+    )
 
 
 @click.command()

@@ -24,7 +24,7 @@ LOUDEST = 1e6  # of max |y|: upper bound of the noise, whose square must be fini
 class UnitNumbers(Tuned):
     """Parameters of the estimate of the video's unit."""
 
-    white: float = 0.999  # quantile of y / (sum of the masks) that is the unit
+    brighter: float = 0.001  # part of the pixels in which y over the sum of the masks is above 1
     width: float = 1.5  # pixels: standard deviation of the Gaussian that smooths y and the sum
 
 
@@ -147,7 +147,7 @@ def brightest(op: SensingOperator, y: np.ndarray, noise: float) -> float:
         open_pixels = np.abs(below) > 0.5 * np.median(np.abs(below))
         if open_pixels.any():
             mean = np.abs(gaussian_filter(y, TUNED.width, mode="nearest")[open_pixels] / below[open_pixels])
-            return float(np.quantile(mean, TUNED.white)) or 1.0
+            return float(np.quantile(mean, 1 - TUNED.brighter)) or 1.0
     energy = max(float(np.mean(y**2)) - noise**2, 0.01 * float(np.mean(y**2)))
     expected = float(np.mean(total**2 / 4 + gram / 16))
     return float(np.sqrt(energy / expected)) if energy > 0 and expected > 0 else 1.0

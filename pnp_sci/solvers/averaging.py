@@ -31,8 +31,10 @@ class RunningMean:
     def __call__(self, state: State, averages: bool) -> State:
         """The state with the mean instead of its estimate; the state itself while nothing is averaged."""
         self.count = self.count + 1 if averages else 0
-        share = (TUNED.power + 1) / (self.count + TUNED.power)
-        self.mean = _mixed(self.mean, state, share) if self.mean is not None and self.count > 1 else state
+        if self.mean is None or self.count <= 1:
+            self.mean = state
+        else:
+            self.mean = _mixed(self.mean, state, (TUNED.power + 1) / (self.count + TUNED.power))
         return self.mean
 
 
