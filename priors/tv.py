@@ -29,7 +29,7 @@ class TVNumbers(Tuned):
     warmup: int = 60  # calls with which total variation begins for a strong prior
     trusted: float = 0.06  # largest sigma at which changes along time count as motion
     around: int = 15  # pixels a side of the two box filters over space and change
-    time_before: float = 0.15  # weight along time before that, and with a larger sigma
+    time_before: float = 0.15  # weight along time until then, and with a larger sigma
     time: float = 0.4  # weight along time where gradients in space and changes along time are alike
     power: int = 3  # power of their ratio
     time_most: float = 0.7  # largest weight along time
