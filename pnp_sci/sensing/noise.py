@@ -57,29 +57,29 @@ def estimate_noise(op: SensingOperator, y: np.ndarray, saturated: np.ndarray | N
     freedom = BLOCK * BLOCK - 4 * views
     usable = np.ones((rows // BLOCK) * (columns // BLOCK), bool)
     if saturated is not None:
-        usable = ~_blocks(saturated).any((1, 2))
+        usable = ~blocks(saturated).any(1)
     if usable.sum() < 16 or freedom < 1:
         return 0.0
-    tilt = np.linspace(-0.5, 0.5, BLOCK)
+    right, down = (t.reshape(-1) for t in np.meshgrid(*[np.linspace(-0.5, 0.5, BLOCK)] * 2))
     time = np.linspace(-1, 1, frames) if frames > 1 else np.zeros(1)
     terms = []
     for masks in op.masks:
-        total = _blocks(masks.sum(0, dtype=np.float64))
-        drift = _blocks(np.einsum("b,bij->ij", time, masks))  # tensordot would start BLAS threads
-        terms += [total, total * tilt[:, None], total * tilt, drift]
-    model = np.stack([t.reshape(-1, BLOCK * BLOCK) for t in terms], axis=-1)
-    values = _blocks(y.astype(np.float64)).reshape(-1, BLOCK * BLOCK)
+        total = blocks(masks.sum(0, dtype=np.float64))
+        drift = blocks(np.einsum("b,bij->ij", time, masks))  # tensordot would start BLAS threads
+        terms += [total, total * down, total * right, drift]
+    model = np.stack(terms, axis=-1)
+    values = blocks(y.astype(np.float64))
     normal = model.transpose(0, 2, 1) @ model
     ridge = 1e-9 * np.trace(normal, axis1=1, axis2=2)[:, None, None] + np.finfo(float).tiny
-    right = np.einsum("kpi,kp->ki", model, values)
-    fit = np.linalg.solve(normal + ridge * np.eye(model.shape[-1]), right[..., None])[..., 0]
+    product = np.einsum("kpi,kp->ki", model, values)
+    fit = np.linalg.solve(normal + ridge * np.eye(model.shape[-1]), product[..., None])[..., 0]
     left_over = ((values - np.einsum("kpi,ki->kp", model, fit)) ** 2).sum(1)
     quantile_of_chi_square = 2 * gammaincinv(freedom / 2, TUNED.quantile)  # importing scipy.stats takes half a second
     return float(np.sqrt(np.quantile(left_over[usable], TUNED.quantile) / quantile_of_chi_square))
 
 
-def _blocks(picture: np.ndarray) -> np.ndarray:
-    """Blocks ((H // 8) * (W // 8), 8, 8) of a picture (H, W); remaining rows and columns are dropped."""
-    rows, columns = (n // BLOCK for n in picture.shape)
-    cut = picture[: rows * BLOCK, : columns * BLOCK]
-    return cut.reshape(rows, BLOCK, columns, BLOCK).swapaxes(1, 2).reshape(-1, BLOCK, BLOCK)
+def blocks(picture: np.ndarray, size: int = BLOCK) -> np.ndarray:
+    """Blocks (N, size * size) of a picture (H, W), in rows; remaining rows and columns are dropped."""
+    rows, columns = (n // size for n in picture.shape)
+    cut = picture[: rows * size, : columns * size]
+    return cut.reshape(rows, size, columns, size).swapaxes(1, 2).reshape(-1, size * size)
