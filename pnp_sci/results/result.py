@@ -78,6 +78,19 @@ class Result:
             raise InputError(f"scene: the result has {len(self.scenes)} measurements: scenes[n] was expected")
         return self.scenes[0] if self.scenes else {}
 
+    @property
+    def remarks(self) -> list[str]:
+        """What to know before the result is used, a sentence each: parts not modelled, and faults of the measurement.
+
+        They are the entries "remarks" of `scenes`; of several measurements it is said which they concern.
+        """
+        concerned: dict[str, list[int]] = {}
+        for n, scene in enumerate(self.scenes):
+            for remark in scene.get("remarks", []):
+                concerned.setdefault(remark, []).append(n)
+        count = len(self.scenes)
+        return [text if len(ns) == count else f"measurement {_counted(ns)}: {text}" for text, ns in concerned.items()]
+
     def save(self, path: str | Path) -> None:
         """Write NPZ or HDF5 (.h5, .hdf5), which :meth:`load` reads; the rest is JSON in it, never pickle.
 
@@ -139,7 +152,8 @@ class Result:
             raise FormatError(f"{path}: cannot export as {suffix or 'a file without suffix'}; known are {known}")
 
     def __repr__(self) -> str:
-        return f"Result({self._size()}, {self._effort()}: {self.status.value}{self._scores()})"
+        line = f"Result({self._size()}, {self._effort()}: {self.status.value}{self._scores()})"
+        return "\n".join([line, *(f"  {remark}" for remark in self.remarks)])
 
     def __str__(self) -> str:
         """The result in a line, and below it how it was obtained: the plan of each measurement, in words."""
@@ -153,7 +167,7 @@ class Result:
 
         rows = {"video": self._size(), "effort": self._effort(), "status": self.status.value}
         rows |= {key: str(self.settings[key]) for key in ("prior", "algorithm") if key in self.settings}
-        rows["scores"] = self._scores().removeprefix("; ")
+        rows |= {"scores": self._scores().removeprefix("; "), "remarks": "; ".join(self.remarks)}
         return as_html(rows, self.x, self.white)
 
     def _size(self) -> str:
@@ -178,6 +192,12 @@ class Result:
 
     def _last_records(self) -> list[Record]:
         return list({record.measurement: record for record in self.history}.values())
+
+
+def _counted(numbers: Sequence[int]) -> str:
+    """``[0, 2]`` -> ``"1, 3"``; ten at most."""
+    texts = [str(n + 1) for n in numbers[:10]]
+    return ", ".join(texts) + (f" and {len(numbers) - 10} more" if len(numbers) > 10 else "")
 
 
 def _in_words(plan: dict[str, Any]) -> str:

@@ -114,7 +114,10 @@ class SceneModel:
         modelled = sum(1 if still else frames for still in self._still_of_lit)
         alike = self.nothing_moves or not self._still_of_lit.any()
         still = self.nothing_moves if alike else self.still
-        return asdict(self) | {"still": still, "frames_modelled": modelled, "frames": views * frames}
+        remarks = [] if self.complete else [f"scene: {self.reason}"]
+        return asdict(self) | {
+            "still": still, "frames_modelled": modelled, "frames": views * frames, "remarks": remarks
+        }  # fmt: skip
 
 
 def _bools(name: str, values: Any, expected: str) -> tuple[bool, ...]:
