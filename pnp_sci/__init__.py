@@ -7,6 +7,8 @@ from typing import Any
 
 import lazy_loader
 
+from pnp_sci import _moved  # noqa: F401
+
 _attribute, __dir__, __all__ = lazy_loader.attach_stub(__name__, __file__)
 
 

@@ -6,7 +6,6 @@ import inspect
 import re
 from collections.abc import Iterator
 from importlib import import_module
-from importlib.metadata import EntryPoint
 from typing import Any
 
 from pnp_sci.errors import UnknownPluginError
@@ -94,7 +93,7 @@ def _papers(settings: dict[str, Any]) -> Iterator[str]:
         yield ALGORITHMS[settings["algorithm"]]
     reprs = [turn["prior"] for plan in settings.get("plan", []) for turn in plan["serves"]]
     reprs.append(str(prior))
-    classes = _classes()
+    classes = registry.makers("priors")
     for name in re.findall(r"(\w+)\(", " ".join(reprs)):
         if name in classes:
             yield from references(_loaded("priors", classes[name]))
@@ -106,12 +105,6 @@ def _papers(settings: dict[str, Any]) -> Iterator[str]:
         yield from references(_loaded("decoders", name))
     if any(share for shares in settings.get("share", []) for share in shares):
         yield SHRINKAGE
-
-
-def _classes() -> dict[str, str]:
-    """Names of the installed priors by the name of the class or function that makes them."""
-    plugins = registry.available("priors").items()
-    return {plugin.attr if isinstance(plugin, EntryPoint) else plugin.__name__: name for name, plugin in plugins}
 
 
 def _names(prior: Any) -> list[str]:

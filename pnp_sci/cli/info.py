@@ -4,11 +4,11 @@ from __future__ import annotations
 
 import json
 from pathlib import Path
-from typing import Any
 
 import click
 
 from pnp_sci.cli.inputs import FILE
+from pnp_sci.errors import UnknownPluginError
 
 
 @click.command()
@@ -45,8 +45,8 @@ def priors() -> None:
         plugins = registry.available(kind)
         if plugins:
             click.echo(f"{title}:")
-        for name, plugin in plugins.items():
-            click.echo(f"  {name:12s} {_summary(plugin)}")
+        for name in plugins:
+            click.echo(f"  {name:12s} {_summary(kind, name)}")
 
 
 @click.command()
@@ -66,12 +66,11 @@ def recommend(seconds: float, like: str, results: Path | None) -> None:
     click.echo(f"{advice.python}\n{advice.psnr:.2f} dB on {', '.join(advice.cases)}; {advice.seconds:.2g} s here")
 
 
-def _summary(plugin: Any) -> str:
+def _summary(kind: str, name: str) -> str:
     """The first line of a plugin's docstring, or why it cannot be loaded."""
-    from importlib.metadata import EntryPoint
+    from pnp_sci.plugins.registry import load
 
     try:
-        loaded = plugin.load() if isinstance(plugin, EntryPoint) else plugin
-    except ImportError as error:
-        return f"(cannot be loaded: {error})"
-    return (loaded.__doc__ or "").strip().partition("\n")[0]
+        return (load(kind, name).__doc__ or "").strip().partition("\n")[0]
+    except UnknownPluginError as error:
+        return f"({error})"

@@ -42,13 +42,21 @@ def load(kind: str, name: str, argument: str = "") -> Any:
         built_in = BUILT_IN[kind] if argument in ("", "init") else ()
         names = ", ".join([*built_in, *plugins]) or "none installed"
         raise UnknownPluginError(f"{argument or kind[:-1]} is {name!r}: one of these was expected: {names}")
-    plugin = plugins[name]
-    if not isinstance(plugin, EntryPoint):
-        return plugin
+    if name in _registered[kind]:
+        return _registered[kind][name]
     try:
-        return plugin.load()
+        return plugins[name].load()
     except ModuleNotFoundError as missing:
         raise UnknownPluginError(_needs(kind, name, missing)) from missing
+    except Exception as error:  # the code of others may raise anything
+        why = f"{type(error).__name__}: {error}"
+        raise UnknownPluginError(f"{kind[:-1]} {name!r} is installed, but cannot be loaded: {why}") from error
+
+
+def makers(kind: str) -> dict[str, str]:
+    """Names of plugins by the name of the class or function that makes them."""
+    of_packages = {point.attr: name for name, point in _installed(kind).items()}
+    return of_packages | {getattr(factory, "__name__", name): name for name, factory in _registered[kind].items()}
 
 
 def _needs(kind: str, name: str, missing: ModuleNotFoundError) -> str:

@@ -82,6 +82,8 @@ class SensingOperator:
         if dtype is not None and np.dtype(dtype) not in (np.float32, np.float64):
             raise InputTypeError(f"dtype is {np.dtype(dtype)}: float32 or float64 was expected")
         self.masks = as_masks(masks, None if dtype is None else np.dtype(dtype))
+        if isinstance(masks, np.ndarray) and np.may_share_memory(self.masks, masks):
+            self.masks = self.masks.copy()  # the caller may write to his own, which would make `gram` wrong
         self.dtype = np.dtype(dtype or (np.float64 if self.masks.dtype == np.float64 else np.float32))
         self.shape: tuple[int, int, int, int] = self.masks.shape  # type: ignore[assignment]
 

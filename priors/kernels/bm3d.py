@@ -4,10 +4,12 @@ A group is a flat array: patch after patch, row after row. Loops over it have co
 before they write, so that LLVM vectorises them. Where it does not, :mod:`pnp_sci.accel.simd8` has SIMD intrinsics.
 """
 
+from functools import partial
+
 import numba
 import numpy as np
 
-from pnp_sci.accel.jit import FASTMATH, kernel, loop
+from pnp_sci.accel.jit import FASTMATH, compiled, kernel, loop
 from pnp_sci.accel.simd8 import add_row, copy_row, transpose
 
 SIDE = 8  # pixels per side of a patch, and patches per group
@@ -23,7 +25,7 @@ EDGE = np.kaiser(SIDE, 2).astype(np.float32)  # Kaiser window of the aggregation
 WINDOW = np.outer(EDGE, EDGE).reshape(-1)
 
 # a loop whose sums LLVM may reorder
-summing = numba.njit(cache=True, fastmath=FASTMATH | {"reassoc"}, error_model="numpy")
+summing = partial(compiled, fastmath=FASTMATH | {"reassoc"})
 
 
 @loop

@@ -1,0 +1,34 @@
+"""Modules under their earlier names: importing one warns, and gives the names of the module in its place."""
+
+from __future__ import annotations
+
+import importlib
+import sys
+import warnings
+from importlib.abc import Loader, MetaPathFinder
+from importlib.machinery import ModuleSpec
+from importlib.util import spec_from_loader
+from types import ModuleType
+from typing import Any
+
+MOVED = {
+    "pnp_sci.judge": "pnp_sci.scene.dark_views",
+    "pnp_sci.operator": "pnp_sci.sensing.operator",
+    "pnp_sci.recommend": "pnp_sci.advice.recommend",
+    "pnp_sci.result": "pnp_sci.results.result",
+    "pnp_sci.weights": "pnp_sci.formats.weights",
+}
+
+
+class _Finder(MetaPathFinder, Loader):
+    def find_spec(self, fullname: str, path: Any, target: Any = None) -> ModuleSpec | None:
+        return spec_from_loader(fullname, self) if fullname in MOVED else None
+
+    def exec_module(self, module: ModuleType) -> None:
+        place = MOVED[module.__name__]
+        warnings.warn(f"{module.__name__} has moved to {place}", DeprecationWarning, stacklevel=2)
+        public = {k: v for k, v in vars(importlib.import_module(place)).items() if not k.startswith("__")}
+        vars(module).update(public)
+
+
+sys.meta_path.append(_Finder())
