@@ -13,9 +13,10 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from pnp_sci._validate import whole
+from pnp_sci._validate import finite_number, whole
 from pnp_sci.errors import FormatError, InputError, InputTypeError
 from pnp_sci.formats import arrays as _formats
+from pnp_sci.formats import film
 from pnp_sci.formats.replacing import replacing
 
 _NAMES = {
@@ -41,10 +42,11 @@ def read(path: str | Path, key: str | None = None) -> np.ndarray:
     Parameters
     ----------
     path : path
-        MAT (v5 and v7.3), NPY, NPZ, HDF5, TIFF (ImageJ's order), PNG, a folder of PNGs in the order of their numbers,
-        or a video (MP4, AVI, MOV, MKV, GIF; read as grey).
+        MAT (v5 and v7.3), NPY, NPZ, HDF5, TIFF (ImageJ's order), PNG, a folder of pictures in the order of their
+        numbers, or a video (MP4, AVI, MOV, MKV, GIF; read as grey, all frames that are stored).
     key : str, optional
-        Name of the array; needed if the file has several.
+        Name of the array; needed if the file has several. A field of MATLAB's structs is ``struct.field``, an array in
+        a group of HDF5 ``group/array``.
 
     Returns
     -------
@@ -194,19 +196,24 @@ def write_video(path: str | Path, frames: Any, fps: float = 10) -> None:
         raise FormatError(
             f"{path}: cannot write a video as {path.suffix}; known are {', '.join(sorted(_formats.VIDEO))}"
         )
-    if not fps > 0:
-        raise InputError(f"fps is {fps}: a number > 0 was expected")
+    check_fps(fps)
     with replacing(path) as temporary:
-        _formats.save_video(temporary, np.asarray(frames), fps)
+        film.save(temporary, np.asarray(frames), fps)
+
+
+def check_fps(fps: Any) -> None:
+    """Raise an error if `fps` is not a finite number > 0."""
+    if finite_number("fps", fps) == 0:
+        raise InputError(f"fps is {fps}: a number > 0 was expected")
 
 
 def _find(path: Path, kind: str, key: str | None) -> tuple[str, np.ndarray]:
     """Name and array of this kind in a file; raises a FormatError if its planes may not come first."""
     arrays = _formats.load(path)
     others = {name for names in _NAMES.values() for name in names} - set(_NAMES[kind])
-    candidates = [name for name in _NAMES[kind] if name in arrays]
+    candidates = [name for name in _NAMES[kind] if name in arrays] or [n for n in arrays if _field(n) in _NAMES[kind]]
     if not candidates and len(arrays) == 1:
-        candidates = [name for name in arrays if name not in others]
+        candidates = [name for name in arrays if _field(name) not in others]
     name, array = _chosen(path, arrays, candidates, key, kind)
     if _doubtful(path, name, array.shape):
         raise FormatError(
@@ -221,13 +228,20 @@ def _chosen(
 ) -> tuple[str, np.ndarray]:
     there = ", ".join(f"{name} {array.shape}" for name, array in arrays.items()) or "no numeric array"
     if key is not None:
-        if not isinstance(key, str) or key not in arrays:
+        spellings = [key, key.replace("/", "."), key.replace(".", "/")] if isinstance(key, str) else []
+        name = next((name for name in spellings if name in arrays), None)
+        if name is None:
             raise FormatError(f"{path}: key {key!r} is not in the file, which holds {there}")
-        return key, arrays[key]
+        return name, arrays[name]
     if len(candidates) != 1:
         problem = f"{' and '.join(candidates)} could each be the {kind}" if candidates else f"no {kind} was recognised"
         raise FormatError(f"{path}: {problem}; the file holds {there}: name one by key")
     return candidates[0], arrays[candidates[0]]
+
+
+def _field(name: str) -> str:
+    """The last part of ``struct.field`` and ``group/array``."""
+    return name.replace("/", ".").rpartition(".")[2]
 
 
 def _doubtful(path: Path, name: str, shape: tuple[int, ...]) -> bool:
@@ -259,7 +273,7 @@ def _in_views(path: Path, name: str, array: np.ndarray, views: int | None) -> np
 
 
 def _meaning(key: str, array: np.ndarray) -> str:
-    kind = next((kind for kind, names in _NAMES.items() if key in names), None)
+    kind = next((kind for kind, names in _NAMES.items() if _field(key) in names), None)
     if array.ndim not in (2, 3, 4) or min(array.shape[-2:]) < 2:
         return "not a picture"
     size = f"{array.shape[-2]} x {array.shape[-1]}"
@@ -269,6 +283,6 @@ def _meaning(key: str, array: np.ndarray) -> str:
         return f"{kind or 'a measurement or a picture'}: {size}"
     if kind == "measurement":
         return f"{len(array)} measurements of {size}"
-    if key in _DUAL_VIEW:
+    if _field(key) in _DUAL_VIEW:
         return f"{kind}: 2 views x {len(array) // 2} frames of {size}"
     return f"{kind or 'measurements, masks or frames'}: {len(array)} planes of {size}"

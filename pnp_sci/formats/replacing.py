@@ -1,9 +1,11 @@
-"""Atomic writing of files."""
+"""Atomic writing of files: whole, or not at all."""
 
 from __future__ import annotations
 
+import errno
 import os
 import shutil
+import tempfile
 from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
@@ -14,24 +16,73 @@ from uuid import uuid4
 def replacing(path: Path) -> Iterator[Path]:
     """Context with a temporary path that replaces `path` at the end, or is removed after an exception.
 
+    A link stays, and what it points to is replaced. A device or a pipe is written to.
+
     Raises
     ------
     FileNotFoundError
         If the parent folder does not exist.
     FileExistsError
         If `path` is a folder with files.
+    PermissionError
+        If `path` is read-only.
     """
-    if not path.parent.is_dir():
-        raise FileNotFoundError(f"{path}: there is no folder {path.parent}")
-    if path.is_dir() and any(path.iterdir()):
-        raise FileExistsError(f"{path} is a folder that is not empty: remove it first")
-    temporary = path.with_name(f".{path.stem}-{uuid4().hex[:8]}{path.suffix}")
+    place = _place(path)
+    special = place.exists() and not place.is_file() and not place.is_dir()
+    folder = Path(tempfile.gettempdir()) if special else place.parent
+    temporary = folder / f".{uuid4().hex[:12]}{path.suffix}"
     try:
         yield temporary
-        os.replace(temporary, path)
-    except BaseException:
+        if special:
+            with temporary.open("rb") as source, place.open("wb") as sink:
+                shutil.copyfileobj(source, sink)
+            temporary.unlink()
+            return
+        if place.is_file():
+            shutil.copymode(place, temporary)
+        os.replace(temporary, place)
+    except BaseException as error:
         if temporary.is_dir():
             shutil.rmtree(temporary, ignore_errors=True)
         else:
             temporary.unlink(missing_ok=True)
+        if isinstance(error, OSError) and error.filename in (None, str(temporary)):
+            raise type(error)(error.errno or errno.EIO, error.strerror or str(error), str(path)) from error
         raise
+
+
+def _place(path: Path) -> Path:
+    """Where the file behind `path` is or will be, links followed; an error if nothing can be written there."""
+    place = Path(os.path.realpath(path))
+    if not place.parent.is_dir():
+        raise FileNotFoundError(f"{path}: there is no folder {place.parent}")
+    if place.is_dir() and (path.suffix or any(place.iterdir())):
+        raise FileExistsError(f"{path} is a folder{'' if path.suffix else ' that is not empty'}: remove it first")
+    if place.is_file() and not (place.stat().st_mode & 0o222 and os.access(place, os.W_OK)):
+        raise PermissionError(errno.EACCES, "the file is read-only", str(path))
+    return place
+
+
+def check_writable(path: Path) -> None:
+    """Raise the error that :func:`replacing` would raise, before any work; nothing is left."""
+    place = _place(path)
+    if place.exists() and not place.is_file() and not place.is_dir():
+        if not os.access(place, os.W_OK):
+            raise PermissionError(errno.EACCES, os.strerror(errno.EACCES), str(path))
+        return
+    trial = place.parent / f".{uuid4().hex[:12]}"
+    try:
+        trial.write_bytes(b"trial")
+    except OSError as error:
+        raise type(error)(
+            error.errno, f"nothing can be written to the folder {place.parent}: {error.strerror}"
+        ) from error
+    finally:
+        trial.unlink(missing_ok=True)
+
+
+def same_file(first: Path, second: Path) -> bool:
+    """Whether two paths are one file, by links or other names; neither need exist."""
+    if first.exists() and second.exists():
+        return first.is_file() and second.is_file() and os.path.samefile(first, second)
+    return os.path.realpath(first) == os.path.realpath(second)

@@ -13,7 +13,8 @@ import numpy as np
 from PIL import Image
 
 from pnp_sci.errors import MissingExtraError
-from pnp_sci.formats.arrays import eight_bit, save_video
+from pnp_sci.formats import film
+from pnp_sci.formats.pictures import eight_bit
 
 SHOWN = 5  # frames side by side
 FPS = 5
@@ -82,7 +83,7 @@ def _png(picture: np.ndarray) -> bytes:
 def _mp4(frames: np.ndarray) -> bytes:
     with TemporaryDirectory() as folder:
         file = Path(folder) / "film.mp4"
-        save_video(file, frames, FPS)
+        film.save(file, frames, FPS)
         return file.read_bytes()
 
 

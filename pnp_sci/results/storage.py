@@ -9,8 +9,9 @@ from typing import Any
 
 import numpy as np
 
-from pnp_sci._optional import needed_for
 from pnp_sci.errors import FormatError, InputTypeError, MissingExtraError
+from pnp_sci.formats import hdf5, npz
+from pnp_sci.formats.child import apart
 from pnp_sci.formats.replacing import replacing
 from pnp_sci.results.history import History, Status
 
@@ -33,12 +34,9 @@ def save(path: Path, x: np.ndarray, status: Status, history: History, settings: 
     }
     with replacing(path) as temporary:
         if path.suffix.lower() == ".npz":
-            with temporary.open("wb") as stream:
-                np.savez(stream, allow_pickle=False, **arrays, **texts)
+            npz.save(temporary, arrays | {key: np.array(text) for key, text in texts.items()}, packed=False)
         else:
-            with needed_for("a result in HDF5", "hdf5"):
-                import h5py
-            with h5py.File(temporary, "w") as file:
+            with hdf5.creating(temporary) as file:
                 for name, array in arrays.items():
                     file[name] = array
                 file.attrs.update(texts)
@@ -107,7 +105,13 @@ def _read_npz(path: Path) -> Mapping[str, Any]:
 
 
 def _read_hdf5(path: Path) -> Mapping[str, Any]:
-    with needed_for("a result in HDF5", "hdf5"):
-        import h5py
-    with h5py.File(path) as file:
-        return {**file.attrs, "x": np.asarray(file["x"]), "history": np.asarray(file["history"])}
+    hdf5.h5py()
+    parts = apart(lambda: _parts(path), path.stat().st_size)
+    return {key: part.tobytes().decode() if part.dtype == np.uint8 else part for key, part in parts.items()}
+
+
+def _parts(path: Path) -> dict[str, np.ndarray]:
+    """Arrays and, as bytes, texts."""
+    with hdf5.h5py().File(path, "r") as file:
+        texts = {key: np.frombuffer(str(text).encode(), np.uint8) for key, text in file.attrs.items()}
+        return texts | {key: np.asarray(file[key]) for key in ("x", "history")}

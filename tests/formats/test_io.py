@@ -98,13 +98,14 @@ def test_avi_and_gif_keep_eight_bits_exactly(tmp_path, suffix, rows, columns):
 
 
 @pytest.mark.parametrize(("rows", "columns"), [(48, 64), (33, 47)])
-def test_mp4_is_close_and_of_the_same_size(tmp_path, rows, columns):
+def test_mp4_is_close_and_of_even_size(tmp_path, rows, columns):
+    """QuickTime and Firefox play no other H.264; a last row or column is repeated."""
     frames = smooth_frames(6, rows, columns)
     io.write_video(tmp_path / "video.mp4", frames)
     back = io.read_video(tmp_path / "video.mp4")
     assert back.dtype == np.uint8
-    assert back.shape == (1, 6, rows, columns)
-    assert np.abs(back[0] / 255 - frames).mean() < 0.01
+    assert back.shape == (1, 6, rows + rows % 2, columns + columns % 2)
+    assert np.abs(back[0, :, :rows, :columns] / 255 - frames).mean() < 0.01
 
 
 def test_png_folder_and_single_pngs(tmp_path):
@@ -290,7 +291,7 @@ def test_a_type_that_mat_files_do_not_have(tmp_path, kind, compressed):
         packed = zlib.compress(content[128:])
         content[128:] = np.array([15, len(packed)], "<u4").tobytes() + packed
     path.write_bytes(content)
-    with pytest.raises(FormatError, match=rf"a\.mat.*type {kind}"):
+    with pytest.raises(FormatError, match=r"a\.mat cannot be read, it may be damaged"):
         io.read(path)
 
 
@@ -301,19 +302,19 @@ def test_an_imaginary_part_that_is_not_there(tmp_path):
     content = bytearray(path.read_bytes())
     content[145] = 8
     path.write_bytes(content)
-    with pytest.raises(FormatError, match="class 7 has 4 parts"):
+    with pytest.raises(FormatError, match=r"a\.mat cannot be read, it may be damaged"):
         io.read(path)
 
 
 def test_a_cell_array_too_large_for_its_file(tmp_path):
-    """SciPy makes room for all cells first: here for 1.5 GB."""
+    """SciPy makes room for all cells first, here for 1.5 GB, in a process of its own."""
     path = tmp_path / "a.mat"
     scipy.io.savemat(path, {"c": np.array([[1, "a"]], object)})
     content = bytearray(path.read_bytes())
     assert content[160:168] == bytes([1, 0, 0, 0, 2, 0, 0, 0])  # rows and columns
     content[167] = 11
     path.write_bytes(content)
-    with pytest.raises(FormatError, match="has shape"):
+    with pytest.raises(FormatError, match=r"a\.mat cannot be read, it may be damaged"):
         io.read(path)
 
 
@@ -364,7 +365,7 @@ def test_keys_and_views_of_other_types(tmp_path, key):
 def test_pickles_are_never_loaded(tmp_path, suffix):
     path = tmp_path / f"evil.{suffix}"
     (np.save if suffix == "npy" else np.savez)(path, np.array([{"a": 1}, None], object))
-    with pytest.raises(FormatError, match="Object arrays cannot be loaded"):
+    with pytest.raises(FormatError, match=r"Object arrays cannot be loaded|no numeric array"):
         io.read(path)
 
 
@@ -375,7 +376,7 @@ def test_missing_and_unknown_files(tmp_path):
     (tmp_path / "a.doc").touch()
     with pytest.raises(FormatError, match=r"cannot read \.doc"):
         io.read(tmp_path / "a.doc")
-    with pytest.raises(FormatError, match="no PNG files"):
+    with pytest.raises(FormatError, match="no pictures"):
         io.read(tmp_path)
     scipy.io.savemat(tmp_path / "text.mat", {"name": "words"})
     with pytest.raises(FormatError, match="no numeric array"):

@@ -1,0 +1,79 @@
+"""Reading in a child process: a library that crashes or hangs on a damaged file harms nobody else."""
+
+from __future__ import annotations
+
+import json
+import os
+import select
+import signal
+import tempfile
+import warnings
+from collections.abc import Callable, Mapping
+from typing import IO, NoReturn
+
+import numpy as np
+
+from pnp_sci.errors import FormatError
+
+PATIENCE = 8.0  # seconds for a file, besides one for each SPEED bytes
+SPEED = 10e6
+
+
+def apart(work: Callable[[], Mapping[str, np.ndarray]], size: int) -> dict[str, np.ndarray]:
+    """The arrays that `work` reads from a file of `size` bytes, in a forked child; here, where there is no fork.
+
+    Raises
+    ------
+    FormatError
+        If `work` raised one.
+    ValueError
+        If it raised another exception, crashed or took too long: the file may be damaged.
+    """
+    if not hasattr(os, "fork"):
+        return dict(work())
+    with tempfile.TemporaryFile() as result:
+        ended, alive = os.pipe()
+        with warnings.catch_warnings():
+            warnings.simplefilter("ignore", DeprecationWarning)  # of threads, which the child does not use
+            child = os.fork()
+        if child == 0:
+            _serve(work, result)
+        os.close(alive)  # the child has the other end: it closes with the process
+        limit = PATIENCE + size / SPEED
+        in_time = bool(select.select([ended], [], [], limit)[0])
+        os.close(ended)
+        if not in_time:
+            os.kill(child, signal.SIGKILL)
+        died = os.waitpid(child, 0)[1]
+        if not in_time:
+            raise ValueError(f"reading takes more than {limit:.0f} s")
+        if died:
+            raise ValueError("the library that reads this format crashes")
+        return _received(result)
+
+
+def _serve(work: Callable[[], Mapping[str, np.ndarray]], result: IO[bytes]) -> NoReturn:
+    """In the child: write the arrays, or the error, and exit."""
+    try:
+        os.dup2(os.open(os.devnull, os.O_WRONLY), 2)  # what libraries print when they crash
+        try:
+            arrays, error = work(), None
+        except Exception as caught:
+            arrays, error = {}, [isinstance(caught, FormatError), str(caught) or type(caught).__name__]
+        header = json.dumps({"error": error, "names": list(arrays)}).encode()
+        result.write(len(header).to_bytes(8, "little") + header)
+        for array in arrays.values():
+            np.lib.format.write_array(result, array, allow_pickle=False)
+        result.flush()
+    except BaseException:
+        os._exit(1)
+    os._exit(0)
+
+
+def _received(result: IO[bytes]) -> dict[str, np.ndarray]:
+    result.seek(0)
+    header = json.loads(result.read(int.from_bytes(result.read(8), "little")))
+    if header["error"]:
+        known, message = header["error"]
+        raise FormatError(message) if known else ValueError(message)
+    return {name: np.lib.format.read_array(result, allow_pickle=False) for name in header["names"]}

@@ -1,0 +1,226 @@
+"""Files as other software leaves them: every number is read as it was stored, or the error says what is missing."""
+
+import contextlib
+import os
+import struct
+import subprocess
+import sys
+import zlib
+
+import h5py
+import numpy as np
+import pytest
+import scipy.io
+import tifffile
+from PIL import Image
+
+from pnp_sci import Result, io
+from pnp_sci.errors import FormatError
+from pnp_sci.results.history import History, Record, Status
+
+imageio_ffmpeg = pytest.importorskip("imageio_ffmpeg")
+RNG = np.random.default_rng(0)
+Y = RNG.random((12, 16))
+MASKS = RNG.random((12, 16, 4)) < 0.5  # planes last, as in MATLAB
+GREY = RNG.integers(0, 4096, (24, 32)).astype(np.uint16)
+
+
+def matlab73(path, fill):
+    """A MAT-file v7.3: HDF5 behind a header of MATLAB, axes reversed."""
+    with h5py.File(path, "w", userblock_size=512) as file:
+        fill(file)
+    with path.open("r+b") as file:
+        file.write(b"MATLAB 7.3 MAT-file".ljust(116) + b" " * 8 + b"\x00\x02IM")
+
+
+def in_struct(file):
+    group = file.create_group("data")
+    group.attrs["MATLAB_class"] = np.bytes_("struct")
+    group["meas"], group["mask"] = Y.T, MASKS.T.astype("u1")
+
+
+@pytest.mark.parametrize("version", ["v5", "v7.3"])
+@pytest.mark.parametrize("separator", [".", "/"])
+def test_fields_of_a_struct(tmp_path, version, separator):
+    path = tmp_path / "a.mat"
+    if version == "v5":
+        scipy.io.savemat(path, {"data": {"meas": Y, "mask": MASKS.astype("u1")}})
+    else:
+        matlab73(path, in_struct)
+    np.testing.assert_array_equal(io.read_measurement(path, f"data{separator}meas"), Y)
+    np.testing.assert_array_equal(io.read_measurement(path), Y)  # there is but one `meas`
+    np.testing.assert_array_equal(io.read_masks(path)[0], MASKS.transpose(2, 0, 1))
+
+
+def test_cells_sparse_and_complex_arrays(tmp_path):
+    cell = np.empty((1, 4), object)
+    cell[0] = [MASKS[..., n].astype(float) for n in range(4)]
+    content = {"mask": cell, "meas": Y + 1e-17j, "truly": Y * (1 + 1j), "few": scipy.sparse.csc_array(Y > 0.9)}
+    scipy.io.savemat(tmp_path / "a.mat", content)
+    np.testing.assert_array_equal(io.read_masks(tmp_path / "a.mat")[0], MASKS.transpose(2, 0, 1))
+    np.testing.assert_array_equal(io.read_measurement(tmp_path / "a.mat"), Y)
+    np.testing.assert_array_equal(io.read(tmp_path / "a.mat", "few"), Y > 0.9)
+    assert "truly" not in {entry.key for entry in io.describe(tmp_path / "a.mat")}
+
+
+def test_hdf5_of_python_under_a_name_of_matlab(tmp_path):
+    with h5py.File(tmp_path / "a.mat", "w") as file:
+        file["meas"], file["masks"] = Y, MASKS.transpose(2, 0, 1)
+    np.testing.assert_array_equal(io.read_measurement(tmp_path / "a.mat"), Y)
+    np.testing.assert_array_equal(io.read_masks(tmp_path / "a.mat")[0], MASKS.transpose(2, 0, 1))
+
+
+def test_planes_first_in_matlab_73(tmp_path):
+    pic = MASKS.transpose(2, 0, 1).astype("f4")
+    matlab73(tmp_path / "a.mat", lambda file: file.create_dataset("pic", data=pic.T))
+    np.testing.assert_array_equal(io.read_video(tmp_path / "a.mat")[0], pic)
+
+
+def png(path, colour_type, samples):
+    def chunk(tag, data):
+        return struct.pack(">I", len(data)) + tag + data + struct.pack(">I", zlib.crc32(tag + data))
+
+    head = struct.pack(">IIBBBBB", samples.shape[1], samples.shape[0], 16, colour_type, 0, 0, 0)
+    data = zlib.compress(b"".join(b"\0" + row.tobytes() for row in samples.astype(">u2")))
+    path.write_bytes(b"\x89PNG\r\n\x1a\n" + chunk(b"IHDR", head) + chunk(b"IDAT", data) + chunk(b"IEND", b""))
+
+
+@pytest.mark.parametrize(("colour_type", "channels"), [(0, 1), (2, 3), (4, 2), (6, 4)])
+def test_png_of_sixteen_bits(tmp_path, colour_type, channels):
+    samples = np.repeat(GREY[..., None], channels, 2)
+    if channels in (2, 4):
+        samples[..., -1] = 65535
+    png(tmp_path / "a.png", colour_type, samples)
+    np.testing.assert_array_equal(io.read(tmp_path / "a.png"), GREY)
+
+
+def ffmpeg(*arguments, **options):
+    subprocess.run([imageio_ffmpeg.get_ffmpeg_exe(), "-y", "-v", "error", *map(str, arguments)], check=True, **options)
+
+
+def test_film_of_sixteen_bits(tmp_path):
+    raw = ["-f", "rawvideo", "-pix_fmt", "gray16le", "-s", "32x24", "-i", "-"]
+    ffmpeg(*raw, "-c:v", "ffv1", tmp_path / "a.mkv", input=GREY.tobytes())
+    np.testing.assert_array_equal(io.read(tmp_path / "a.mkv")[0], GREY)
+
+
+@pytest.mark.parametrize("times", ["(N+N*N/3)*100", "if(lt(N,5),N*100,500+(N-5)*4)", "3000+N*100"])
+@pytest.mark.parametrize("suffix", [".mp4", ".mkv"])
+def test_all_frames_of_any_times(tmp_path, times, suffix):
+    levels = 20 * np.arange(10) + 10
+    io.write(tmp_path / "film.avi", np.broadcast_to(levels[:, None, None], (10, 16, 24)).astype(np.uint8))
+    stamps = ["-vf", f"settb=1/1000,setpts='{times}'", "-fps_mode", "passthrough", "-enc_time_base", "1/1000"]
+    target = tmp_path / f"a{suffix}"
+    ffmpeg("-i", tmp_path / "film.avi", *stamps, "-c:v", "libx264", "-crf", 10, target)
+    assert np.abs(io.read(target).mean((1, 2)) - levels).max() < 3
+
+
+@pytest.mark.parametrize("name", ["10:30:00.mp4", "-a.mp4", "%03d.mp4", "a b [c] é'.mp4"])
+def test_films_of_odd_names(tmp_path, monkeypatch, name):
+    monkeypatch.chdir(tmp_path)
+    frames = np.zeros((5, 32, 32), np.uint8)
+    io.write_video(name, frames)
+    assert os.listdir() == [name]
+    assert io.read(name).shape == frames.shape
+
+
+def test_parts_in_other_files(tmp_path):
+    with h5py.File(tmp_path / "part.h5", "w") as file:
+        file["d"] = Y
+    layout = h5py.VirtualLayout(Y.shape, Y.dtype)
+    layout[:] = h5py.VirtualSource("part.h5", "d", Y.shape)
+    with h5py.File(tmp_path / "whole.h5", "w") as file:
+        file.create_virtual_dataset("meas", layout)
+        file["linked"] = h5py.ExternalLink("part.h5", "/d")
+    np.testing.assert_array_equal(io.read_measurement(tmp_path / "whole.h5"), Y)
+    np.testing.assert_array_equal(io.read(tmp_path / "whole.h5", "linked"), Y)
+    (tmp_path / "part.h5").unlink()
+    with pytest.raises(FormatError, match=r"part\.h5, which is not there"):
+        io.read_measurement(tmp_path / "whole.h5")
+
+
+def test_ome_tiff_of_which_a_file_is_missing(tmp_path):
+    uuid = [f"urn:uuid:00000000-0000-0000-0000-00000000000{i}" for i in range(2)]
+    planes = "".join(
+        f'<TiffData FirstT="{t}" IFD="0" PlaneCount="1"><UUID FileName="m_{t}.ome.tif">{uuid[t]}</UUID></TiffData>'
+        for t in range(2)
+    )
+    for i in range(2):
+        xml = (
+            f'<OME xmlns="http://www.openmicroscopy.org/Schemas/OME/2016-06" UUID="{uuid[i]}"><Image ID="Image:0">'
+            '<Pixels ID="Pixels:0" DimensionOrder="XYCZT" SizeC="1" SizeT="2" SizeX="32" SizeY="24" SizeZ="1" '
+            f'Type="uint16">{planes}</Pixels></Image></OME>'
+        )
+        tifffile.imwrite(tmp_path / f"m_{i}.ome.tif", GREY + i, description=xml, metadata=None)
+    np.testing.assert_array_equal(io.read(tmp_path / "m_0.ome.tif"), [GREY, GREY + 1])
+    (tmp_path / "m_1.ome.tif").unlink()
+    with pytest.raises(FormatError, match="in other files, which are not there"):
+        io.read(tmp_path / "m_0.ome.tif")
+
+
+def test_a_folder_with_what_others_left_in_it(tmp_path):
+    for n in (1, 2, 10):
+        Image.fromarray(np.full((4, 5), n, np.uint8)).save(tmp_path / f"m{n}.PNG", format="png")
+    (tmp_path / "._m1.png").write_bytes(b"\0\5\x16\7Mac OS X")
+    (tmp_path / "Thumbs.db").write_bytes(b"\xd0\xcf")
+    assert io.read(tmp_path)[:, 0, 0].tolist() == [1, 2, 10]
+
+
+def test_tiff_with_lzw(tmp_path):
+    Image.fromarray(GREY).save(tmp_path / "a.tif", compression="tiff_lzw")
+    np.testing.assert_array_equal(io.read(tmp_path / "a.tif"), GREY)
+
+
+def test_objects_beside_arrays_in_npz(tmp_path):
+    np.savez(tmp_path / "a.npz", meas=Y, info={"exposure": 0.02}, truth=None)
+    np.testing.assert_array_equal(io.read_measurement(tmp_path / "a.npz"), Y)
+
+
+@pytest.mark.parametrize(
+    ("name", "content", "said"),
+    [
+        ("a.mat", b"# Created by Octave 9.2.0\n# name: meas\n", "save -v7"),
+        ("a.h5", b"version https://git-lfs.github.com/spec/v1\noid sha256:00\n", "git lfs pull"),
+    ],
+)
+def test_what_is_not_the_file_itself(tmp_path, name, content, said):
+    (tmp_path / name).write_bytes(content)
+    with pytest.raises(FormatError, match=said):
+        io.read(tmp_path / name)
+
+
+def test_hdf5_that_is_being_written(tmp_path):
+    with h5py.File(tmp_path / "a.h5", "w") as file:
+        file["meas"] = Y
+        file.flush()
+        code = f"from pnp_sci import io; io.read({str(tmp_path / 'a.h5')!r})"
+        done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True)
+    assert "another program has it open" in done.stderr
+
+
+def test_more_is_declared_than_there_is(tmp_path, monkeypatch):
+    with h5py.File(tmp_path / "a.h5", "w") as file:
+        file.create_dataset("meas", (60000, 50000), "u1", chunks=True)
+    np.savez_compressed(tmp_path / "a.npz", meas=np.zeros((20000, 20000), np.uint8))
+    for name in ("a.h5", "a.npz"):
+        with pytest.raises(FormatError, match="PNP_SCI_LARGEST"):
+            io.describe(tmp_path / name)
+    monkeypatch.setenv("PNP_SCI_LARGEST", "1e9")
+    assert io.read(tmp_path / "a.npz").shape == (20000, 20000)
+
+
+@pytest.mark.parametrize("kind", ["mat", "h5", "result"])
+def test_flipped_bytes_harm_nobody(tmp_path, kind):
+    """What crashes SciPy or HDF5 does not crash the caller; benchmarks/fuzz_files.py tries 20,000."""
+    path = tmp_path / ("a.mat" if kind == "mat" else "a.h5")
+    if kind == "result":
+        Result(np.ones((1, 1, 4, 4)), Status.CONVERGED, History([Record(1, 0.1, 0.2, 0.3)]), {"a": "b"}).save(path)
+    else:
+        io.write(path, {"meas": Y, "mask": MASKS})
+    whole = path.read_bytes()
+    for _ in range(60):
+        content = bytearray(whole)
+        content[RNG.integers(len(content))] = RNG.integers(256)
+        path.write_bytes(content)
+        with contextlib.suppress(FormatError):  # any other exception, and a crash, fails the test
+            (Result.load if kind == "result" else io.describe)(path)
