@@ -29,8 +29,9 @@ def load(path: Path) -> np.ndarray:
     content = _output(path, "-fps_mode", "passthrough", "-f", "rawvideo", "-pix_fmt", pixels)
     columns, rows = meta["size"]
     values = np.frombuffer(content, kind)
-    _check_end(path, meta)
-    return values.reshape(-1, rows, columns).astype(values.dtype.newbyteorder("="), copy=False)
+    frames = values.reshape(-1, rows, columns).astype(values.dtype.newbyteorder("="), copy=False)
+    _check_end(path, len(frames), meta)
+    return frames
 
 
 def _output(path: Path, *options: str) -> bytes:
@@ -43,12 +44,12 @@ def _output(path: Path, *options: str) -> bytes:
     return done.stdout
 
 
-def _check_end(path: Path, meta: dict[str, Any]) -> None:
-    """Raise a FormatError if the last frame ends before the film does."""
+def _check_end(path: Path, count: int, meta: dict[str, Any]) -> None:
+    """Raise a FormatError if the last of `count` frames ends before the film does."""
     listed = _output(path, "-c", "copy", "-f", "framecrc").decode()  # stream, dts, pts, duration, size, checksum
     ticks, second = map(int, re.search(r"#tb 0: (\d+)/(\d+)", listed).groups())  # type: ignore[union-attr]
-    frames = [tuple(map(int, line.split(",")[2:4])) for line in listed.splitlines() if not line.startswith("#")]
-    end = max((time + lasts) * ticks / second for time, lasts in frames)
+    frames = sorted(tuple(map(int, line.split(",")[2:4])) for line in listed.splitlines() if line[0] != "#")
+    end = max(((time + lasts) * ticks / second for time, lasts in frames[:count]), default=0.0)
     head = subprocess.run([_ffmpeg().get_ffmpeg_exe(), "-i", _url(path)], capture_output=True).stderr
     start = START.search(head.decode(errors="replace"))
     expected = meta["duration"] - max(float(start[1]) if start else 0.0, 0.0)

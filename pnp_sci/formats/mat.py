@@ -79,10 +79,11 @@ def real_part(name: str, array: np.ndarray) -> np.ndarray:
     """The real part of a complex array whose imaginary part is rounding; other arrays as they are."""
     if array.dtype.kind != "c":
         return array
-    if np.abs(array.imag).max(initial=0) > NO_IMAGINARY * np.abs(array.real).max(initial=0):
+    real, imaginary = np.real(array), np.imag(array)
+    if np.abs(imaginary).max(initial=0) > NO_IMAGINARY * np.abs(real).max(initial=0):
         _log.warning("%s is complex: real numbers were expected, and it is left out", name)
         return array
-    return np.real(array)
+    return real
 
 
 def _check_sizes(content: bytes) -> None:
