@@ -8,6 +8,7 @@ from pnp_sci.errors import InputError
 
 REFINES = ("none", "simplified", "birecurrent")
 FLOWS = ("none", "forward", "both")
+MOST = 256  # views, frames or passes: more are a damaged file
 
 
 @dataclass(frozen=True)
@@ -68,8 +69,8 @@ class OFaNetConfig:
 
     def __post_init__(self) -> None:
         for name, value in (("views", self.views), ("frames", self.frames), ("passes", self.passes)):
-            if not isinstance(value, int) or value < 1:
-                raise InputError(f"{name} is {value!r}: a whole number >= 1 was expected")
+            if not isinstance(value, int) or not 1 <= value <= MOST:
+                raise InputError(f"{name} is {value!r}: a whole number from 1 to {MOST} was expected")
         for name, value, known in (("refine", self.refine, REFINES), ("flow", self.flow, FLOWS)):
             if value not in known:
                 raise InputError(f"{name} is {value!r}: one of {', '.join(known)} was expected")

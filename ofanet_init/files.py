@@ -8,6 +8,7 @@ from pathlib import Path
 
 from ofanet_init.config import OFaNetConfig
 from ofanet_init.network import OFaNet
+from pnp_sci.errors import FormatError
 from pnp_sci.formats import weights
 
 FOLDER = Path(__file__).with_name("weights")
@@ -21,7 +22,10 @@ def save(path: str | Path, network: OFaNet) -> str:
 def load(path: str | Path) -> tuple[OFaNet, str]:
     """Read a network from `path`, with the SHA-256 of its weights; raises as :func:`pnp_sci.formats.weights.read`."""
     tensors, metadata = weights.read(path, {"model": "ofanet"}, "python -m ofanet_init.train")
-    network = OFaNet(OFaNetConfig(**json.loads(metadata["config"])))
+    try:
+        network = OFaNet(OFaNetConfig(**json.loads(metadata["config"])))
+    except (KeyError, TypeError, ValueError) as error:
+        raise FormatError(f"{path} has no valid configuration in its metadata: {error!r}") from error
     weights.fill(network, tensors, path)
     return network.eval(), metadata["sha256"]
 

@@ -32,10 +32,17 @@ def shaped(name: str, value: Any, shape: tuple[int, ...], dtype: np.dtype) -> np
         return np.ascontiguousarray(array, dtype)
 
 
-def white(name: str, dtype: np.dtype) -> float:
-    """The value of white in pictures of this dtype: 1 of floats and bool, the largest of uint8 and uint16."""
+SCALES = (255.0, 1023.0, 4095.0, 16383.0, 65535.0)  # white of 8, 10, 12, 14 and 16 bits
+
+
+def white(name: str, dtype: np.dtype, largest: float = 1.0) -> float:
+    """The value of white in pictures of this dtype: the largest of uint8 and uint16, 1 of bool.
+
+    Of floats it is 1, or where their `largest` value is beyond that, white of the fewest bits that hold it.
+    """
     if dtype.kind in "fb":
-        return 1.0
+        beyond = largest > 1 + 1e-6
+        return next((scale for scale in SCALES if scale >= largest), largest) if beyond else 1.0
     if dtype.newbyteorder("=") not in (np.uint8, np.uint16):  # 255 in int64 would be black
         raise InputTypeError(f"{name} has dtype {dtype}: floats in [0, 1], uint8 or uint16 were expected")
     return float(np.iinfo(dtype).max)
@@ -61,6 +68,14 @@ def finite_number(name: str, value: Any, expected: str = "a finite number >= 0")
     if not 0 <= converted < math.inf:
         raise InputError(f"{name} is {value!r}: {expected} was expected")
     return converted
+
+
+def positive_number(name: str, value: Any) -> float:
+    """`value` as a float, finite and > 0."""
+    expected = "a finite number > 0"
+    if (number := finite_number(name, value, expected)) == 0:
+        raise InputError(f"{name} is {value!r}: {expected} was expected")
+    return number
 
 
 def whole(name: str, value: Any, least: int) -> int:

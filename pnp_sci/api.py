@@ -39,6 +39,7 @@ def solve(
     tol: float = 8e-5,
     time_budget: float | None = None,
     reference: Any = None,
+    peak: float | None = None,
     callback: Callable[[State], Any] | None = None,
     progress: bool = False,
     device: str | None = None,
@@ -72,7 +73,9 @@ def solve(
     time_budget : float, optional
         Seconds for the whole call, callback included; the last estimate by then is returned.
     reference : array_like, optional
-        The truth, for PSNR and SSIM in the history: floats in [0, 1], uint8 or uint16.
+        The truth, for PSNR and SSIM in the history, in the units of the result.
+    peak : float, optional
+        White in the reference. By default 255 of uint8, 65535 of uint16, and 1 of floats that are not larger.
     callback : callable, optional
         Called with each `State` of what is modelled; a true value stops the solver, for all measurements.
     progress, device, threads, seed
@@ -103,7 +106,7 @@ def solve(
         iterations=iterations, noise=noise, sigma=sigma, tol=tol, time_budget=time_budget, callback=callback,
         progress=progress, device=device, threads=threads, seed=seed,
     )  # fmt: skip
-    return solve_all(y, masks, reference, options)
+    return solve_all(y, masks, reference, peak, options)
 
 
 def decode(

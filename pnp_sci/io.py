@@ -13,8 +13,8 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from pnp_sci._validate import finite_number, whole
-from pnp_sci.errors import FormatError, InputError, InputTypeError
+from pnp_sci._validate import positive_number, whole
+from pnp_sci.errors import FormatError, InputTypeError
 from pnp_sci.formats import arrays as _formats
 from pnp_sci.formats import film
 from pnp_sci.formats.replacing import replacing
@@ -196,15 +196,9 @@ def write_video(path: str | Path, frames: Any, fps: float = 10) -> None:
         raise FormatError(
             f"{path}: cannot write a video as {path.suffix}; known are {', '.join(sorted(_formats.VIDEO))}"
         )
-    check_fps(fps)
+    positive_number("fps", fps)
     with replacing(path) as temporary:
         film.save(temporary, np.asarray(frames), fps)
-
-
-def check_fps(fps: Any) -> None:
-    """Raise an error if `fps` is not a finite number > 0."""
-    if finite_number("fps", fps) == 0:
-        raise InputError(f"fps is {fps}: a number > 0 was expected")
 
 
 def _find(path: Path, kind: str, key: str | None) -> tuple[str, np.ndarray]:

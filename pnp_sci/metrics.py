@@ -1,4 +1,4 @@
-"""PSNR and SSIM with peak 1: mean over the frames of a view, one value per view."""
+"""PSNR and SSIM: mean over the frames of a view, one value per view."""
 
 from __future__ import annotations
 
@@ -7,20 +7,23 @@ from typing import Any
 
 import numpy as np
 
+from pnp_sci._validate import positive_number
 from pnp_sci.errors import InputError, InputTypeError
 
 _SSIM_WINDOW = 11  # pixels: width of a Gaussian of standard deviation 1.5, truncated at 3.5 standard deviations
 
 
-def psnr(x: Any, reference: Any) -> Any:
-    """Peak signal-to-noise ratio in dB, peak 1, mean over the frames of a view.
+def psnr(x: Any, reference: Any, peak: float = 1.0) -> Any:
+    """Peak signal-to-noise ratio in dB, mean over the frames of a view.
 
     Parameters
     ----------
     x : array_like, (V, B, H, W), (B, H, W) or (H, W)
-        Estimate; clipped to [0, 1]. NaN gives NaN.
+        Estimate; clipped to [0, peak]. NaN gives NaN.
     reference : array_like, same shape
-        Values in [0, 1].
+        Values in [0, peak].
+    peak : float
+        The value of white, > 0.
 
     Returns
     -------
@@ -30,7 +33,7 @@ def psnr(x: Any, reference: Any) -> Any:
     Raises
     ------
     InputError, InputTypeError
-        If the shapes differ, values are not real, or `reference` has values outside [0, 1].
+        If the shapes differ, values are not real, or `reference` has values outside [0, peak].
 
     Examples
     --------
@@ -38,18 +41,20 @@ def psnr(x: Any, reference: Any) -> Any:
     >>> psnr(np.full((2, 3, 4, 4), 0.6), np.full((2, 3, 4, 4), 0.5)).round(6)
     array([20., 20.])
     """
-    return _per_view(_frame_psnr, x, reference)
+    return _per_view(_frame_psnr, x, reference, peak)
 
 
-def ssim(x: Any, reference: Any) -> Any:
-    """Structural similarity, Gaussian window of standard deviation 1.5, range 1, mean over the frames of a view.
+def ssim(x: Any, reference: Any, peak: float = 1.0) -> Any:
+    """Structural similarity, Gaussian window of standard deviation 1.5, mean over the frames of a view.
 
     Parameters
     ----------
     x : array_like, (V, B, H, W), (B, H, W) or (H, W)
-        Estimate; clipped to [0, 1].
+        Estimate; clipped to [0, peak].
     reference : array_like, same shape
-        Values in [0, 1].
+        Values in [0, peak].
+    peak : float
+        The value of white, > 0.
 
     Returns
     -------
@@ -60,7 +65,7 @@ def ssim(x: Any, reference: Any) -> Any:
     Raises
     ------
     InputError, InputTypeError
-        If the shapes differ, values are not real, or `reference` has values outside [0, 1].
+        If the shapes differ, values are not real, or `reference` has values outside [0, peak].
 
     References
     ----------
@@ -73,10 +78,10 @@ def ssim(x: Any, reference: Any) -> Any:
     >>> ssim(video, video)
     array([1., 1.])
     """
-    return _per_view(_frame_ssim, x, reference)
+    return _per_view(_frame_ssim, x, reference, peak)
 
 
-def _per_view(score: Callable[[np.ndarray, np.ndarray], float], x: Any, reference: Any) -> Any:
+def _per_view(score: Callable[[np.ndarray, np.ndarray], float], x: Any, reference: Any, peak: float) -> Any:
     x, reference = np.asarray(x), np.asarray(reference)
     for name, array in (("x", x), ("reference", reference)):
         if array.dtype.kind not in "biuf":
@@ -86,8 +91,11 @@ def _per_view(score: Callable[[np.ndarray, np.ndarray], float], x: Any, referenc
             f"x has shape {x.shape} and reference {reference.shape}: the same was expected, (V, B, H, W), (B, H, W) or "
             "(H, W)"
         )
+    if (peak := positive_number("peak", peak)) != 1:
+        x, reference = x / peak, reference / peak
     if not (reference.min() >= -1e-6 and reference.max() <= 1 + 1e-6):
-        raise InputError(f"reference spans {reference.min():g} to {reference.max():g}: values in [0, 1] were expected")
+        spans = f"{reference.min() * peak:g} to {reference.max() * peak:g}"
+        raise InputError(f"reference spans {spans}: values in [0, {peak:g}] were expected; peak= says what is white")
     frames = zip(x.reshape(-1, *x.shape[-2:]), reference.reshape(-1, *x.shape[-2:]))
     values = np.array([score(np.clip(_floating(a), 0, 1), _floating(b)) for a, b in frames])
     return values.reshape(len(x), -1).mean(1) if x.ndim == 4 else float(values.mean())

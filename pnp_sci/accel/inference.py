@@ -21,8 +21,8 @@ def usable(device: str | None) -> torch.device:
     """The torch device of this name, by default the CPU; raises InputError if it cannot be used."""
     try:
         place = torch.device(device or "cpu")
-        torch.empty(0, device=place)
-    except (RuntimeError, AssertionError) as error:
+        torch.empty(1, device=place).cpu()  # "meta" has no values
+    except (RuntimeError, AssertionError, ImportError) as error:
         raise InputError(f"device: {device!r} cannot be used here: {str(error).splitlines()[0]}") from error
     return place
 

@@ -59,7 +59,7 @@ def _warn_once(why: str) -> None:
 
 def compiled(function: Callable[..., Any], **options: Any) -> Any:
     """``numba.njit`` with the disk cache, where there is a place for it."""
-    made = numba.njit(**{"fastmath": FASTMATH, "error_model": "numpy"} | options)(function)
+    made: Any = numba.njit(**{"fastmath": FASTMATH, "error_model": "numpy"} | options)(function)
     try:
         made._cache = _Cache(function)
     except (RuntimeError, OSError):  # neither the folder of the code nor one of the user's can be written to

@@ -2,17 +2,19 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable
+from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass, replace
 from functools import partial
 from itertools import product
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
 from pnp_sci import datasets
 from pnp_sci._validate import white
 from pnp_sci.errors import InputError
+from pnp_sci.pipeline.provenance import digest
 from pnp_sci.sensing.simulate import simulate
 
 _SCENES: dict[str, Callable[[], datasets.Scene]] = {
@@ -41,11 +43,18 @@ class Case:
         Simulate the measurement from the truth, with this standard deviation relative to the largest value of y.
     frames : int, optional
         Simulate the measurement from this number of frames of each view, from the first on.
+    masks, views, key, masks_key, reference_key : optional
+        Of a file, as for ``pnp-sci solve``: another file with the masks, and names of arrays.
     """
 
     scene: str
     noise: float | None = None
     frames: int | None = None
+    masks: str | None = None
+    views: int | None = None
+    key: str | None = None
+    masks_key: str | None = None
+    reference_key: str | None = None
 
     @property
     def name(self) -> str:
@@ -60,6 +69,13 @@ class Case:
         words += [f"{self.frames} frames"] if self.frames is not None else []
         return ", ".join(words)
 
+    def has(self, settings: Mapping[str, Any]) -> bool:
+        """Whether a result with these settings is of this case as its file is now; known scenes do not change."""
+        if self.scene in _SCENES or not Path(self.scene).exists():
+            return True
+        scene = self.load()
+        return (digest(scene.y), digest(scene.masks)) == (settings.get("y"), settings.get("masks"))
+
     def load(self) -> datasets.Scene:
         """Load the scene, and simulate its measurement if noise or frames are given.
 
@@ -70,7 +86,7 @@ class Case:
         FormatError, DataUnavailableError
             As for :func:`pnp_sci.datasets.fetch`.
         """
-        scene = _SCENES[self.scene]() if self.scene in _SCENES else _from_file(self.scene)
+        scene = _SCENES[self.scene]() if self.scene in _SCENES else self._from_file()
         if self.noise is None and self.frames is None:
             return scene
         if scene.truth is None:
@@ -83,11 +99,30 @@ class Case:
         y = np.stack([simulate(film, masks, self.noise or 0.0, seed) for seed, film in enumerate(films)])
         return replace(scene, y=y.reshape(scene.y.shape), masks=masks, truth=truth)
 
+    def _from_file(self) -> datasets.Scene:
+        from pnp_sci import io
+
+        file = self.scene
+        if not Path(file).exists():
+            raise InputError(f"case is {file!r}: a file, or one of these was expected: {', '.join(_SCENES)}")
+        y, masks = io.read_measurement(file, self.key), io.read_masks(self.masks or file, self.views, self.masks_key)
+        if self.reference_key is None and "x" not in {entry.key for entry in io.describe(file)}:
+            return datasets.Scene(file, y, masks, None, None)
+        truth = io.read_video(file, len(masks), self.reference_key or "x")
+        if (largest := white("x", truth.dtype, float(truth.max()))) != 1:
+            y, truth = y / np.float32(largest), truth / np.float32(largest)
+        return datasets.Scene(file, y, masks, truth, None)
+
 
 def expand(
-    names: Iterable[str], noises: Iterable[float | None] = (None,), frames: Iterable[int | None] = (None,)
+    names: Iterable[str],
+    noises: Iterable[float | None] = (None,),
+    frames: Iterable[int | None] = (None,),
+    **of_files: Any,
 ) -> list[Case]:
     """All distinct combinations of scenes, noise and frames; groups are replaced by their members.
+
+    `of_files` are other fields of :class:`Case`, for scenes that are files.
 
     Raises
     ------
@@ -105,18 +140,4 @@ def expand(
             known = ", ".join((*_SCENES, *GROUPS))
             raise InputError(f"case is {name!r}: a file, or one of these was expected: {known}")
         scenes += GROUPS.get(name, (name,))
-    return [Case(*one) for one in dict.fromkeys(product(scenes, noises, frames))]
-
-
-def _from_file(file: str) -> datasets.Scene:
-    from pnp_sci import io
-
-    if not Path(file).exists():
-        raise InputError(f"case is {file!r}: a file, or one of these was expected: {', '.join(_SCENES)}")
-    y, masks = io.read_measurement(file), io.read_masks(file)
-    if "x" not in {entry.key for entry in io.describe(file)}:
-        return datasets.Scene(file, y, masks, None, None)
-    truth = io.read_video(file, len(masks), "x")
-    if (largest := white("x", truth.dtype)) != 1:
-        y, truth = y / np.float32(largest), truth / np.float32(largest)
-    return datasets.Scene(file, y, masks, truth, None)
+    return [Case(*one, **of_files) for one in dict.fromkeys(product(scenes, noises, frames))]

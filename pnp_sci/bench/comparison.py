@@ -15,6 +15,7 @@ from pnp_sci.bench.held_back import filled_start, held_back_score
 from pnp_sci.bench.methods import Method, Source
 from pnp_sci.bench.runner import machine, scores
 from pnp_sci.errors import InputError
+from pnp_sci.formats.plain import finite
 from pnp_sci.masks import condition
 from pnp_sci.pipeline.auto import prior_for
 from pnp_sci.pipeline.reference import Reference
@@ -109,7 +110,7 @@ class Comparison:
     def as_json(self) -> str:
         """Rows with their settings, facts and machine as JSON; NaN becomes null."""
         rows = [trial.row() for trial in self.trials]
-        return json.dumps(_finite({"machine": self.machine, "measurement": self.facts, "rows": rows}), indent=2)
+        return json.dumps(finite({"machine": self.machine, "measurement": self.facts, "rows": rows}), indent=2)
 
     def save_html(self, path: str | Path, title: str = "Comparison of reconstructions") -> None:
         """Write a self-contained HTML report, see :mod:`pnp_sci.bench.report`."""
@@ -263,12 +264,3 @@ class _Task:
             **dict(lines),
             **({"Warnings": "; ".join(report.warnings)} if report.warnings else {}),
         }
-
-
-def _finite(value: Any) -> Any:
-    """Replace numbers that are not finite, which JSON does not have, by None."""
-    if isinstance(value, dict):
-        return {key: _finite(item) for key, item in value.items()}
-    if isinstance(value, (list, tuple)):
-        return [_finite(item) for item in value]
-    return None if isinstance(value, float) and not np.isfinite(value) else value

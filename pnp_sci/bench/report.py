@@ -14,6 +14,7 @@ from PIL import Image
 
 from pnp_sci._optional import needed_for
 from pnp_sci.bench.pareto import Point, chart
+from pnp_sci.formats.plain import finite
 from pnp_sci.formats.replacing import replacing
 
 with needed_for("the report", "report"):
@@ -70,7 +71,7 @@ def render(comparison: Any, title: str) -> str:
         quality=quality,
         has_truth=comparison.truth is not None,
         measurement=_picture(_stretched(comparison.y), 1, None),
-        panels=panels,
+        panels=finite(panels),
         shape=shown[0][2].shape if shown else (0, 0, 0, 0),
         encoding=encoding,
         chart=chart(points) if points else None,

@@ -7,19 +7,25 @@ import json
 from dataclasses import asdict
 from pathlib import Path
 
+from filelock import FileLock
+
 from pnp_sci.bench.cases import Case
 from pnp_sci.bench.methods import Method
 from pnp_sci.bench.runner import Row
 from pnp_sci.errors import FormatError
 from pnp_sci.formats.replacing import replacing
 
-COLUMNS = ("case", "noise", "frames", "prior", "init", "algorithm", "effort", "limit")  # first columns
+COLUMNS = (
+    "case", "noise", "frames", "masks", "views", "key", "masks_key", "reference_key",
+    "prior", "init", "algorithm", "effort", "limit",
+)  # fmt: skip
 
 
 class Results:
     """Rows in a JSON file that is written after each row, so that a run can be continued.
 
-    A file ``results.csv`` beside ``results.json`` has a line for each case, method and checkpoint.
+    A file ``results.csv`` beside ``results.json`` has a line for each case, method and checkpoint. Several processes
+    may add rows to the same file.
 
     Parameters
     ----------
@@ -34,20 +40,35 @@ class Results:
 
     def __init__(self, path: str | Path):
         self.path = Path(path)
-        self.rows: list[Row] = read(self.path) if self.path.exists() else []
+        self._lock = FileLock(f"{self.path}.lock")
+        self.rows: list[Row] = []
+        self._read()
+        if self.rows and not self.path.with_suffix(".csv").exists():
+            self._write()
 
-    def find(self, case: Case, method: Method) -> Row | None:
-        """The row of this case and method, or None."""
-        return next((row for row in self.rows if (row.case, row.method) == (case, method)), None)
+    def find(self, case: Case, method: Method, repeat: int = 1) -> Row | None:
+        """The row of this case and method, or None; not one of fewer timings, or of a file with other content."""
+        row = next((row for row in self.rows if (row.case, row.method) == (case, method)), None)
+        if row is None or len(row.seconds) < repeat or not case.has(row.settings):
+            return None
+        return row
 
     def add(self, row: Row) -> None:
         """Store a row in both files; it replaces a row of the same case and method."""
-        self.rows = [r for r in self.rows if (r.case, r.method) != (row.case, row.method)] + [row]
+        with self._lock:
+            self._read()
+            self.rows = [r for r in self.rows if (r.case, r.method) != (row.case, row.method)] + [row]
+            self._write()
+
+    def _read(self) -> None:
+        self.rows = read(self.path) if self.path.exists() else []
+
+    def _write(self) -> None:
         lines = ",\n".join(json.dumps(asdict(row)) for row in self.rows)
-        with replacing(self.path) as temporary:
-            temporary.write_text(f'{{"rows": [\n{lines}\n]}}\n', encoding="utf-8")
         with replacing(self.path.with_suffix(".csv")) as temporary:
             self._tabulate(temporary)
+        with replacing(self.path) as temporary:
+            temporary.write_text(f'{{"rows": [\n{lines}\n]}}\n', encoding="utf-8")
 
     def _tabulate(self, path: Path) -> None:
         with path.open("w", newline="", encoding="utf-8") as file:

@@ -23,6 +23,11 @@ from pnp_sci.errors import SolverError
 from pnp_sci.results.history import Record
 from pnp_sci.results.result import Result
 
+WORKER = """
+import runpy, sys
+sys.path = [folder for folder in sys.path if folder]  # never the current folder, whose files may be anybody's
+runpy.run_module("pnp_sci.bench", run_name="__main__")
+"""
 KEPT = 5  # iterations from one checkpoint to the next, after the first ten
 
 
@@ -117,7 +122,7 @@ def run(case: Case, method: Method, repeat: int = 1) -> Row:
         If the process fails; the message is the last line of its error output.
     """
     request = json.dumps({"case": asdict(case), "method": asdict(method), "repeat": repeat})
-    done = subprocess.run([sys.executable, "-m", "pnp_sci.bench", request], capture_output=True, text=True)
+    done = subprocess.run([sys.executable, "-c", WORKER, request], capture_output=True, text=True)
     if done.returncode:
         reason = (done.stderr.strip().splitlines() or [f"exit code {done.returncode}"])[-1]
         raise SolverError(f"{case.name} with {method.name}: {reason}")

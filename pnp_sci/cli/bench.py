@@ -3,10 +3,11 @@
 from __future__ import annotations
 
 from pathlib import Path
+from typing import Any
 
 import click
 
-from pnp_sci.cli.inputs import FOLDER, Output, interactive
+from pnp_sci.cli.inputs import FOLDER, Command, Output, interactive
 from pnp_sci.errors import SolverError
 
 
@@ -22,8 +23,13 @@ def _numbers(kind: type) -> object:
     return parse
 
 
-@click.command()
+@click.command(cls=Command)
 @click.option("--cases", default="embedded", show_default=True, help="Scenes, files, dualview, singleview, real; a,b.")
+@click.option("--masks", help="Of cases that are files: the file with the masks.  [default: the same]")
+@click.option("--views", type=click.IntRange(min=1), help="Of files: how many views share the planes of the masks.")
+@click.option("--key", help="Of files: name of the measurement, where it cannot be told.")
+@click.option("--masks-key", help="Of files: name of the masks, where it cannot be told.")
+@click.option("--reference-key", help="Of files: name of the true video.  [default: x]")
 @click.option("--noise", callback=_numbers(float), help="Measure anew with noise, in parts of the largest y; a,b.")
 @click.option("--frames", callback=_numbers(int), help="Measure anew the first frames of each view; a,b.")
 @click.option("--priors", default="tv", show_default=True, help="Comma-separated; a+b joins two; may be empty.")
@@ -54,6 +60,7 @@ def bench(
     out: Path | None,
     markdown: Path | None,
     curves: Path | None,
+    **of_files: Any,
 ) -> None:
     """Measure methods on cases: PSNR, SSIM, seconds, memory.
 
@@ -72,19 +79,22 @@ def bench(
         methods = table.grid(
             _words(priors), _words(inits), _words(algorithms), _words(efforts), iterations, _words(decoders)
         )
-        pairs = [(case, method) for case in table.expand(_words(cases), noise, frames) for method in methods]
+        pairs = [
+            (case, method) for case in table.expand(_words(cases), noise, frames, **of_files) for method in methods
+        ]
     results = table.Results(out) if out is not None else None
     rows, failures = [], []
     for case, method in tqdm(pairs, "bench", disable=not interactive()):
-        row = results.find(case, method) if results else None
-        try:
-            row = row or table.run(case, method, repeat)
-        except SolverError as error:
-            failures.append(str(error))
-            continue
+        row = results.find(case, method, repeat) if results else None
+        if row is None:
+            try:
+                row = table.run(case, method, repeat)
+            except SolverError as error:
+                failures.append(str(error))
+                continue
+            if results:
+                results.add(row)
         rows.append(row)
-        if results and results.find(case, method) is None:
-            results.add(row)
     if paper:
         written = tables.write(markdown or Path("docs/results"), rows)
         click.echo(f"Written: {', '.join(map(str, written))}")

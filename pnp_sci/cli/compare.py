@@ -7,20 +7,21 @@ from typing import TYPE_CHECKING
 
 import click
 
-from pnp_sci.cli.inputs import FILE, Output, camera, camera_options, interactive, masks_for, one_of, true_video
+from pnp_sci.cli.inputs import FILE, Command, Output, camera, camera_options, interactive, masks_for, one_of, true_video
 
 if TYPE_CHECKING:
     from pnp_sci.bench import Trial
 
 
-@click.command()
+@click.command(cls=Command)
 @click.argument("measurement", type=FILE)
 @click.option("--masks", "masks_file", type=FILE, help="File with the masks.  [default: the measurement's]")
 @click.option("--views", type=click.IntRange(min=1), help="How many views share the planes of the masks.")
 @click.option("--key", help="Name of the measurement in its file, where it cannot be told.")
 @click.option("--masks-key", help="Name of the masks in their file, where it cannot be told.")
 @click.option("--index", type=click.IntRange(min=0), help="Of several measurements, this one (from 0).  [default: 0]")
-@click.option("--truth", "truth_file", type=FILE, help="File with the true video: adds PSNR, SSIM and error maps.")
+@click.option("--truth", "--reference", "truth_file", type=FILE, help="The true video: PSNR, SSIM, error maps.")
+@click.option("--reference-key", help="Name of the true video in its file, where it cannot be told.")
 @click.option("--priors", default="tv,wavelet,flow", show_default=True, help="Comma-separated; a+b joins two.")
 @click.option("--inits", default="auto", show_default=True, help="Comma-separated first estimates.")
 @click.option("--algorithms", default="gap", show_default=True, help="Comma-separated: gap, plain-gap, admm.")
@@ -40,6 +41,7 @@ def compare(
     masks_key: str | None,
     index: int | None,
     truth_file: Path | None,
+    reference_key: str | None,
     priors: str,
     inits: str,
     algorithms: str,
@@ -63,10 +65,11 @@ def compare(
     """
     sensor = camera(noise, gain, full_scale, bits)
     from pnp_sci import bench, io
+    from pnp_sci.formats.replacing import replacing
 
     y = io.read_measurement(measurement, key)
     masks = masks_for(measurement, masks_file, views, masks_key)
-    truth = None if truth_file is None else true_video(truth_file, masks.shape, y.ndim == 3)
+    truth = None if truth_file is None else true_video(truth_file, masks.shape, y.ndim == 3, reference_key)
     if y.ndim == 3 or index is not None:
         index = index or 0
         y, truth = one_of(y, truth, index)
@@ -84,7 +87,8 @@ def compare(
     for trial in result.trials:
         click.echo(_line(trial))
     if json_file is not None:
-        json_file.write_text(result.as_json() + "\n", encoding="utf-8")
+        with replacing(json_file) as temporary:
+            temporary.write_text(result.as_json() + "\n", encoding="utf-8")
     if html_file is not None:
         result.save_html(html_file, title or f"{measurement.name}: methods compared")
     if written := [str(file) for file in (html_file, json_file) if file is not None]:

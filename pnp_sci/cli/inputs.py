@@ -8,7 +8,8 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
-from pnp_sci.errors import InputError
+from pnp_sci.errors import FormatError, InputError, InputTypeError
+from pnp_sci.formats.replacing import check_writable, same_file
 
 if TYPE_CHECKING:
     from collections.abc import Callable
@@ -30,12 +31,34 @@ class Output(click.Path):
     def convert(self, value: Any, param: click.Parameter | None, ctx: click.Context | None) -> Any:
         """The path, if it can be written to."""
         path = Path(super().convert(value, param, ctx))  # type: ignore[arg-type]
-        if not path.parent.is_dir():
-            self.fail(f"{path}: there is no folder {path.parent}", param, ctx)
         if self.suffixes and path.suffix.lower() not in self.suffixes:
             came = path.suffix or "no suffix"
             self.fail(f"{path}: {came} came, one of these was expected: {', '.join(self.suffixes)}", param, ctx)
+        try:
+            check_writable(path)
+        except OSError as error:
+            self.fail(f"{path}: {error.strerror}" if error.filename else str(error), param, ctx)
         return path
+
+
+class Command(click.Command):
+    """A command that refuses, before any work, to write over one of its inputs or twice to the same file."""
+
+    def invoke(self, ctx: click.Context) -> Any:
+        """Check the paths, then run the command."""
+        inputs, outputs = [], []
+        for param in self.params:
+            value = ctx.params.get(param.name or "")
+            paths = [p for p in (value if isinstance(value, tuple) else [value]) if isinstance(p, Path)]
+            if isinstance(param.type, Output):
+                outputs += [(param.opts[0], path) for path in paths]
+            elif param.type is FILE:
+                inputs += [(param.human_readable_name, path) for path in paths]
+        for n, (option, path) in enumerate(outputs):
+            for other, taken in inputs + outputs[:n]:
+                if same_file(path, taken):
+                    raise click.UsageError(f"{option} {path} is the file of {other}: it would be lost")
+        return super().invoke(ctx)
 
 
 FOLDER = click.Path(path_type=Path)  # made where it is missing
@@ -85,12 +108,27 @@ def masks_for(measurement: Path, masks_file: Path | None, views: int | None, key
     return io.read_masks(masks_file or measurement, views, key)
 
 
-def true_video(file: Path, shape: tuple[int, ...], several: bool) -> np.ndarray:
+def usable_truth(
+    file: Path, shape: tuple[int, ...], several: bool, key: str | None, peak: float | None
+) -> np.ndarray | None:
+    """As :func:`true_video`, but a truth that cannot be used is left out with a warning: the result needs none."""
+    from pnp_sci.pipeline.reference import Reference
+
+    try:
+        truth = true_video(file, shape, several, key)
+        Reference(truth, truth.shape if several else (1, *shape), peak)
+    except (InputError, InputTypeError, FormatError) as error:
+        click.echo(f"Warning: --reference is left out: {error}", err=True)
+        return None
+    return truth
+
+
+def true_video(file: Path, shape: tuple[int, ...], several: bool, key: str | None = None) -> np.ndarray:
     """The video of masks of this shape, (V, B, H, W), or those of several measurements, (N, V, B, H, W)."""
     from pnp_sci import io
 
     views, frames, rows, columns = shape
-    video = io.read_video(file, views)
+    video = io.read_video(file, views, key)
     if not several and video.shape == (1, *shape):  # the result of a stack of one
         return video[0]
     if several and video.ndim == 5 and video.shape[1:] == shape:

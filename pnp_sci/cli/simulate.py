@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING
 
 import click
 
-from pnp_sci.cli.inputs import FILE, Output
+from pnp_sci.cli.inputs import FILE, Command, Output
 from pnp_sci.cli.outputs import ARRAYS
 from pnp_sci.errors import InputError
 
@@ -17,7 +17,7 @@ if TYPE_CHECKING:
 BRIGHTEST = 2.0  # of a video of floats: interpolation may leave [0, 1], grey levels up to 255 are another scale
 
 
-@click.command()
+@click.command(cls=Command)
 @click.argument("videos", nargs=-1, required=True, type=FILE)
 @click.option("--masks", default="moving", show_default=True, help="moving, random, or a file.")
 @click.option("--views", type=click.IntRange(min=1), help="How many views share the planes of a single video file.")

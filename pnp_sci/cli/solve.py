@@ -8,11 +8,22 @@ from typing import Any
 
 import click
 
-from pnp_sci.cli.inputs import FILE, Output, camera, camera_options, interactive, masks_for, one_of, true_video
-from pnp_sci.cli.outputs import SAVED, SHOWN, print_scores
+from pnp_sci.cli.inputs import (
+    FILE,
+    POSITIVE,
+    Command,
+    Output,
+    camera,
+    camera_options,
+    interactive,
+    masks_for,
+    one_of,
+    usable_truth,
+)  # fmt: skip
+from pnp_sci.cli.outputs import SAVED, SHOWN, print_scores, save_somewhere
 
 
-@click.command()
+@click.command(cls=Command)
 @click.argument("measurement", type=FILE)
 @click.option("--masks", "masks_file", type=FILE, help="File with the masks.  [default: the measurement's]")
 @click.option("--views", type=click.IntRange(min=1), help="How many views share the planes of the masks.")
@@ -31,6 +42,8 @@ from pnp_sci.cli.outputs import SAVED, SHOWN, print_scores
 @click.option("--seed", default=0, show_default=True)
 @click.option("--option", "options", multiple=True, metavar="KEY=VALUE", help="Option of the prior; may be repeated.")
 @click.option("--reference", type=FILE, help="File with the true video, to score the result.")
+@click.option("--reference-key", help="Name of the true video in its file, where it cannot be told.")
+@click.option("--peak", type=POSITIVE, help="White in the true video.  [default: of its type, 1 of floats up to 1]")
 @click.option(
     "--out", type=Output(*SAVED), default=Path("result.npz"), show_default=True, help="Result: .npz, .h5, .hdf5."
 )
@@ -49,6 +62,8 @@ def solve(
     bits: int | None,
     options: tuple[str, ...],
     reference: Path | None,
+    reference_key: str | None,
+    peak: float | None,
     out: Path,
     video: Path | None,
     **settings: Any,
@@ -63,19 +78,18 @@ def solve(
 
     masks = masks_for(measurement, masks_file, views, masks_key)
     y = io.read_measurement(measurement, key)
-    truth = None if reference is None else true_video(reference, masks.shape, y.ndim == 3)
+    truth = None if reference is None else usable_truth(reference, masks.shape, y.ndim == 3, reference_key, peak)
     if index is not None:
         y, truth = one_of(y, truth, index)
     result = api.solve(
-        y, masks, stages, noise=sensor, reference=truth, progress=interactive(), **settings, **prior_options
+        y, masks, stages, noise=sensor, reference=truth, peak=peak, progress=interactive(), **settings, **prior_options
     )
-    result.save(out)
-    written = [out]
+    written = [save_somewhere(result, out)]
     if video is not None:
         result.export(video)
         written.append(video)
     click.echo(repr(result))
-    print_scores(result.x, truth)
+    print_scores(result.x, truth, peak)
     click.echo(f"Written: {', '.join(map(str, written))}")
     result.raise_for_status()
 

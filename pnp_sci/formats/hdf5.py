@@ -48,7 +48,7 @@ def _read(path: Path, matlab: bool) -> dict[str, np.ndarray]:
         }
 
 
-def _datasets(group: Any, prefix: str, matlab: bool, above: tuple[int, ...] = ()) -> Iterator[tuple[str, Any]]:
+def _datasets(group: Any, prefix: str, matlab: bool, above: tuple[Any, ...] = ()) -> Iterator[tuple[str, Any]]:
     """All datasets below a group, links followed, by their names."""
     library = h5py()
     here = library.h5o.get_info(group.id).addr, group.file.filename

@@ -6,7 +6,6 @@ This module imports torch; :mod:`pnp_sci` imports it on first use only.
 from __future__ import annotations
 
 import hashlib
-import os
 from collections.abc import Mapping
 from pathlib import Path
 
@@ -15,6 +14,7 @@ from safetensors import SafetensorError, safe_open
 from safetensors.torch import save as serialise
 
 from pnp_sci.errors import DataUnavailableError, FormatError
+from pnp_sci.formats.replacing import replacing
 
 
 def fingerprint(tensors: Mapping[str, torch.Tensor]) -> str:
@@ -32,9 +32,8 @@ def save(path: str | Path, tensors: Mapping[str, torch.Tensor], metadata: Mappin
     digest = fingerprint(halves)
     path = Path(path)
     path.parent.mkdir(parents=True, exist_ok=True)
-    partial = path.with_name(path.name + ".partial")
-    partial.write_bytes(serialise(halves, {**metadata, "sha256": digest}))  # save_file removes others' read permission
-    os.replace(partial, path)
+    with replacing(path) as temporary:  # save_file removes others' read permission
+        temporary.write_bytes(serialise(halves, {**metadata, "sha256": digest}))
     return digest
 
 
@@ -69,6 +68,9 @@ def read(path: str | Path, expected: Mapping[str, str], remedy: str) -> tuple[di
         if metadata.get(key) != value:
             held = metadata.get(key, f"no {key} of this package")
             raise FormatError(f"weights: {path} holds {held}, but {value} was expected")
+    kinds = sorted({str(value.dtype) for value in tensors.values()})
+    if not {*kinds} <= {"torch.float16", "torch.float32"}:
+        raise FormatError(f"weights: {path} has {', '.join(kinds)}: float16 was expected")
     if metadata.get("sha256") != fingerprint(tensors):
         raise FormatError(f"weights: the values in {path} do not match their hash: the file is damaged")
     return {key: value.float() for key, value in tensors.items()}, metadata

@@ -109,6 +109,7 @@ def reconstruct(
     if truth and records:
         records[-1] = replace(records[-1], ssim=truth.ssim(out, n))
     found = described | counts(problem)
+    found["remarks"] += truth.remarks(out, n) if truth else []
     weights = list(facts.get("weights", []))
     return Outcome(problem, status, records, found, plan.describe(), name, finish.shares, weights)
 

@@ -26,7 +26,7 @@ class Watch:
         if self.bar is not None and record.iteration:
             self.bar.set_postfix_str(f"residual {record.residual:.4f}", refresh=False)
             self.bar.update()
-        self.stopped = bool(self.callback(state)) if self.callback else False
+        self.stopped = self.stopped or bool(self.callback and self.callback(state))
         return self.stopped
 
 

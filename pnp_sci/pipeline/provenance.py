@@ -25,8 +25,8 @@ def provenance(y: Any, masks: Any, largest: float, problems: Sequence[Problem], 
     return {
         "noise": [problem.typical_noise * problem.unit * largest for problem in problems],
         "unit": [problem.unit for problem in problems],
-        "y": _digest(y),
-        "masks": _digest(masks.masks if isinstance(masks, SensingOperator) else masks),
+        "y": digest(y),
+        "masks": digest(masks.masks if isinstance(masks, SensingOperator) else masks),
         "versions": dict(_versions("torch" in sys.modules)),
         "seconds": time.perf_counter() - began,
     }
@@ -38,6 +38,6 @@ def _versions(torch: bool) -> dict[str, str]:
     return {package: version(package) for package in packages} | {"python": platform.python_version()}
 
 
-def _digest(array: Any) -> str:
+def digest(array: Any) -> str:
     """SHA-256 of the values as they came, in C order."""
     return hashlib.sha256(np.ascontiguousarray(array).data).hexdigest()

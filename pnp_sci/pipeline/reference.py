@@ -8,9 +8,11 @@ from typing import Any
 
 import numpy as np
 
-from pnp_sci._validate import real_array, white
+from pnp_sci._validate import real_array, require_finite, white
 from pnp_sci.errors import InputError
 from pnp_sci.metrics import psnr, ssim
+
+OTHER_UNITS = 1.5  # the fitted gain from which a reference is in other units: estimates of dim scenes have 0.8
 
 
 class Reference:
@@ -19,22 +21,46 @@ class Reference:
     Parameters
     ----------
     reference : array_like
-        The truth, floats in [0, 1], uint8 or uint16.
+        The truth, >= 0.
     shape : tuple
         (N, V, B, H, W), as expected; N may be left out if it is 1.
+    peak : float, optional
+        The value of white, in the reference's units, which should be those of the result. By default that of the
+        reference's type; of floats 1, or where they are larger, of 8, 10, 12, 14 or 16 bits.
     """
 
-    def __init__(self, reference: Any, shape: tuple[int, ...]):
+    def __init__(self, reference: Any, shape: tuple[int, ...], peak: float | None = None):
         array = real_array("reference", reference)
         if _longer_than_one(array.shape) != _longer_than_one(shape):
             raise InputError(f"reference has shape {array.shape}: {shape[1:] if shape[0] == 1 else shape} was expected")
-        self.white = white("reference", array.dtype)
+        require_finite("reference", array)
+        largest = float(array.max(initial=0))
+        self.white = peak or white("reference", array.dtype, largest)
+        if array.min(initial=0) < -1e-6 * self.white or largest > (1 + 1e-6) * self.white:
+            expected = f"values from 0 to {self.white:g}, which is white, were expected; peak= says what is white"
+            raise InputError(f"reference spans {array.min():g} to {largest:g}: {expected}")
         self.array = array.reshape(shape)
         self.seconds = 0.0
 
     def psnr(self, x: np.ndarray, n: int, unit: float = 1.0) -> float:
         """Mean over the views of measurement n, for x in so many of the reference's units."""
         return self._mean(psnr, x, n, unit)
+
+    def remarks(self, x: np.ndarray, n: int) -> list[str]:
+        """What is to be said of measurement n where x and the reference are in different units."""
+        begin = time.perf_counter()
+        truth, video = self.array[n].astype(np.float64), x.astype(np.float64)
+        gain = float((video * truth).sum() / max((truth**2).sum(), np.finfo(float).tiny))
+        told = [] if 1 / OTHER_UNITS < gain < OTHER_UNITS or not truth.any() else [self._other_units(video, n, gain)]
+        self.seconds += time.perf_counter() - begin
+        return told
+
+    def _other_units(self, x: np.ndarray, n: int, gain: float) -> str:
+        text = f"the result is {gain:.3g} times the reference, so that PSNR and SSIM say nothing of its quality"
+        if gain > 0:
+            fitted = float(np.mean(psnr(x / (gain * self.white), self.array[n] / self.white)))
+            text += f": with this gain divided out, PSNR is {fitted:.2f} dB"
+        return text + "; give a reference in the units of y over those of the masks"
 
     def ssim(self, x: np.ndarray, n: int) -> float:
         """Mean over the views, of measurement n."""

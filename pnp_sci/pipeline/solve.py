@@ -8,6 +8,7 @@ from typing import Any
 
 import numpy as np
 
+from pnp_sci._validate import positive_number
 from pnp_sci.accel.threads import limited
 from pnp_sci.masks import views_are_separable
 from pnp_sci.pipeline.measurement import Outcome, package_settings, reconstruct, untouched
@@ -24,13 +25,14 @@ from pnp_sci.sensing.sensor import warn_if_saturated
 _log = logging.getLogger("pnp_sci")
 
 
-def solve_all(y: Any, masks: Any, reference: Any, options: dict[str, Any]) -> Result:
+def solve_all(y: Any, masks: Any, reference: Any, peak: float | None, options: dict[str, Any]) -> Result:
     """What :func:`pnp_sci.solve` does; `options` are all its other arguments."""
     began = time.perf_counter()
     measurements = check_measurement(y)
     op, largest = check_operator(masks, measurements)
     request = check_request(op, len(measurements), **options)
-    truth = Reference(reference, (len(measurements), *op.shape)) if reference is not None else None
+    peak = None if peak is None else positive_number("peak", peak)
+    truth = Reference(reference, (len(measurements), *op.shape), peak) if reference is not None else None
     _warn_of_lost_views(op)
     warn_if_saturated(options["noise"], measurements)
 

@@ -14,6 +14,7 @@ from copy import deepcopy
 from dataclasses import dataclass, field
 from datetime import timedelta
 from pathlib import Path
+from pickle import UnpicklingError
 from typing import Protocol
 
 import torch
@@ -21,6 +22,7 @@ from torch import distributed
 from torch.nn.parallel import DistributedDataParallel
 
 from pnp_sci.errors import FormatError
+from pnp_sci.formats.replacing import replacing
 from pnp_sci.training.muon import Muon
 
 log = logging.getLogger(__name__)
@@ -231,9 +233,9 @@ class Trainer:
             "optimizers": [optimizer.state_dict() for optimizer in self.optimizers],
             "progress": vars(self.progress),
         }
-        torch.save(state, out / "checkpoint.partial")
-        os.replace(out / "checkpoint.partial", out / "checkpoint.pt")
-        with open(out / "curves.csv", "w", newline="") as file:
+        with replacing(out / "checkpoint.pt") as temporary:
+            torch.save(state, temporary)
+        with replacing(out / "curves.csv") as temporary, temporary.open("w", newline="") as file:
             writer = csv.writer(file)
             writer.writerow(["step", "minutes", "loss", *self.task.scores])
             writer.writerows(self.progress.rows)
@@ -245,12 +247,16 @@ class Trainer:
         Raises
         ------
         FormatError
-            If there is no checkpoint, or it belongs to another task, other settings or another seed.
+            If there is no checkpoint, it is damaged, or it belongs to another task, other settings or another seed.
         """
         checkpoint = self.budget.out / "checkpoint.pt"
         if not checkpoint.is_file():
             raise FormatError(f"resume: {checkpoint} does not exist")
-        state = torch.load(checkpoint, map_location=self.place.device, weights_only=True)
+        try:
+            state = torch.load(checkpoint, map_location=self.place.device, weights_only=True)
+        except (EOFError, RuntimeError, UnpicklingError) as error:
+            why = str(error).partition("\n")[0] or "it ends too early"
+            raise FormatError(f"resume: {checkpoint} cannot be read, it may be damaged: {why}") from error
         earlier = "an earlier version"
         held = state["name"], state.get("settings", earlier), state["seed"], state.get("by", earlier)
         asked = self.task.name, self.task.settings, self.budget.seed, self.budget.optimizer
@@ -268,7 +274,15 @@ class Trainer:
 
 
 def train(task: Task, budget: Budget, place: Place, resume: bool = False) -> Progress:
-    """Train until the budget is spent; resuming a finished run only rewrites its files."""
+    """Train until the budget is spent; resuming a finished run only rewrites its files.
+
+    Raises
+    ------
+    FormatError
+        If the output folder holds the checkpoint of an earlier run and it is not resumed, or cannot be.
+    """
+    if not resume and (earlier := budget.out / "checkpoint.pt").exists():
+        raise FormatError(f"out: {earlier} is of an earlier run: --resume goes on with it; or give another folder")
     trainer = Trainer(task, budget, place)
     if resume:
         trainer.resume()

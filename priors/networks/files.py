@@ -32,7 +32,7 @@ def load(path: str | Path, name: str) -> tuple[Network, str]:
     try:
         fields = json.loads(metadata["architecture"])
         network = Network(Architecture(**{key: tuple(value) for key, value in fields.items()}))
-    except (KeyError, TypeError, ValueError) as error:
+    except (AttributeError, KeyError, TypeError, ValueError) as error:
         raise FormatError(f"{path} has no valid architecture in its metadata: {error!r}") from error
     weights.fill(network, tensors, path)
     return network.eval().to(memory_format=torch.channels_last), metadata["sha256"]  # type: ignore[call-overload]

@@ -29,6 +29,13 @@ class Architecture:
     widths: tuple[int, ...]
     blocks: tuple[int, ...]
 
+    def __post_init__(self):
+        for name, values, most in (("widths", self.widths, 4096), ("blocks", self.blocks, 64)):
+            if not values or not all(isinstance(n, int) and 1 <= n <= most for n in values):
+                raise ValueError(f"{name} is {values}: whole numbers from 1 to {most} were expected")
+        if len(self.widths) != len(self.blocks):
+            raise ValueError(f"there are {len(self.widths)} widths, but {len(self.blocks)} blocks")
+
     @property
     def multiple(self) -> int:
         """Height and width are padded to a multiple of this: a factor of 2 for the unshuffling and for each scale."""
