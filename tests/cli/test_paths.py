@@ -13,7 +13,7 @@ from pnp_sci.formats.replacing import replacing
 SCENE = datasets.embedded_scene(32)
 
 
-@pytest.fixture()
+@pytest.fixture
 def folder(tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
     io.write("m.npz", {"y": SCENE.y, "masks": SCENE.masks, "x": SCENE.truth})
