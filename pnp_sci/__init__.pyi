@@ -5,6 +5,9 @@ from .advice.recommend import Recommendation as Recommendation
 from .advice.recommend import recommend as recommend
 from .api import decode as decode
 from .api import solve as solve
+from .camera.calibrate import Calibration as Calibration
+from .camera.calibrate import calibrate as calibrate
+from .camera.quality import Quality as Quality
 from .masks import MaskCondition as MaskCondition
 from .masks import condition as condition
 from .masks import moving_masks as moving_masks

@@ -12,6 +12,7 @@ from pnp_sci.errors import UnknownPluginError
 
 COMMANDS = {
     "bench": "pnp_sci.cli.bench:bench",
+    "calibrate": "pnp_sci.cli.calibrate:calibrate",
     "compare": "pnp_sci.cli.compare:compare",
     "demo": "pnp_sci.cli.demo:demo",
     "info": "pnp_sci.cli.info:info",

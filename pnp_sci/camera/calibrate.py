@@ -1,0 +1,245 @@
+"""From raw pictures of a camera to masks: dark frame, lamp, bad pixels, and how good they are."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from pnp_sci import io
+from pnp_sci._validate import positive_number, real_array, require_finite, whole
+from pnp_sci.camera.quality import Quality, lamp_gains, measure_quality
+from pnp_sci.errors import FormatError, InputError
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
+
+SURE = 8.0  # robust standard deviations: no pixel of 1e7 with Gaussian noise is that far from its neighbours
+DEAD = 0.3  # of the neighbours' response to light: less is no lens's shading
+AROUND = 5  # pixels: side of the median that neighbours have
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class Calibration:
+    """What turns raw pictures into measurements, made by :func:`calibrate`; ``str()`` of it is a report.
+
+    Attributes
+    ----------
+    masks : ndarray of float32, (V, B, H, W)
+        What of the lamp's light arrives at a pixel: 1 is the median of `white`. The lens's shading is part of them, so
+        that recovered videos have none.
+    dark : ndarray of float32, (H, W)
+        The camera's signal without light, in its units.
+    bad : ndarray of bool, (H, W)
+        Hot, noisy, dead and saturated pixels.
+    crop : tuple of int
+        (top, left, rows, columns) of the part of the raw pictures that all arrays cover.
+    quality : Quality or None
+        None if it was read from a file.
+    """
+
+    masks: np.ndarray
+    dark: np.ndarray
+    bad: np.ndarray
+    crop: tuple[int, int, int, int]
+    quality: Quality | None = None
+
+    def __str__(self) -> str:
+        return str(self.quality) if self.quality else repr(self)
+
+    def __repr__(self) -> str:
+        views, frames, rows, columns = self.masks.shape
+        return f"Calibration({views} x {frames} masks of {rows} x {columns}, {int(self.bad.sum())} bad pixels)"
+
+    def correct(self, raw: Any) -> np.ma.MaskedArray:
+        """Make measurements of raw pictures: cropped, the dark frame subtracted, bad pixels masked.
+
+        Parameters
+        ----------
+        raw : array_like, (H0, W0) or (N, H0, W0)
+
+        Raises
+        ------
+        InputError, InputTypeError
+            If the pictures are smaller than the crop reaches, or are no real numbers.
+
+        Returns
+        -------
+        MaskedArray of float32, (H, W) or (N, H, W)
+            :func:`pnp_sci.solve` leaves masked pixels out.
+        """
+        pictures = real_array("raw", raw)
+        if pictures.ndim not in (2, 3):
+            raise InputError(f"raw has shape {pictures.shape}: (rows, columns) or (N, rows, columns) was expected")
+        y = _cropped("raw", pictures, self.crop).astype(np.float32) - self.dark
+        return np.ma.MaskedArray(y, np.broadcast_to(self.bad, y.shape))
+
+    def plot(self) -> Figure:
+        """Pictures of the calibration: dark frame, shading, masks, bad pixels, values, brightness of the lamp."""
+        from pnp_sci.camera.pictures import draw
+
+        return draw(self)
+
+    def save(self, path: str | Path) -> None:
+        """Write NPZ, HDF5 or MAT, which ``read_masks`` and :meth:`load` read; the quality is not kept."""
+        crop = np.array([self.crop])
+        io.write(path, {"masks": self.masks, "dark": self.dark, "bad": self.bad, "crop": crop})
+
+    @classmethod
+    def load(cls, path: str | Path) -> Calibration:
+        """Read what :meth:`save` wrote; raises FileNotFoundError or FormatError."""
+        masks = io.read_masks(path, key="masks")
+        dark, bad, crop = (io.read(path, key) for key in ("dark", "bad", "crop"))
+        if not (dark.shape == bad.shape == masks.shape[2:] and crop.size == 4):
+            raise FormatError(f"{path}: masks {masks.shape}, dark {dark.shape} and bad {bad.shape} do not fit together")
+        top, left, rows, columns = map(int, crop.ravel())
+        return cls(masks, dark, bad.astype(bool), (top, left, rows, columns))
+
+
+def calibrate(
+    dark: Any,
+    white: Any,
+    patterns: Any,
+    *,
+    crop: tuple[int, int, int, int] | None = None,
+    full_scale: float | None = None,
+) -> Calibration:
+    """Make masks of raw pictures.
+
+    Repeated pictures are averaged without the smallest and the largest value of each pixel, which may be a cosmic ray.
+    The dark frame is subtracted. With `white`, the brightness of the lamp is taken from the open elements of each
+    pattern, and its drift is divided out.
+
+    Parameters
+    ----------
+    dark : array_like, (H0, W0) or (N, H0, W0), or None
+        Pictures without light; None if the camera has subtracted them.
+    white : array_like, (H0, W0), (N, H0, W0) or (V, N, H0, W0), or None
+        Pictures with all elements open, of all views or of each.
+    patterns : array_like, (B, H0, W0), (V, B, H0, W0) or (V, B, N, H0, W0)
+        Pictures of each pattern, while light comes through one view only. The target is evenly lit.
+    crop : tuple, optional
+        (top, left, rows, columns) of the part that is kept.
+    full_scale : float, optional
+        The camera's largest value: pixels that reach it are bad.
+
+    Returns
+    -------
+    Calibration
+
+    Raises
+    ------
+    InputError, InputTypeError
+        If shapes do not agree, values are not finite real numbers, or `white` is not brighter than `dark`.
+
+    Examples
+    --------
+    >>> import pnp_sci
+    >>> masks = pnp_sci.random_masks((1, 4, 64, 64))
+    >>> raw = (100 + 3000 * masks).astype(np.uint16)
+    >>> made = calibrate(np.full((64, 64), 100), np.full((64, 64), 3100), raw)
+    >>> float(np.abs(made.masks - masks).max()) < 0.01
+    True
+    """
+    pictures = _finite("patterns", patterns, (3, 4, 5))
+    pictures = pictures[None] if pictures.ndim == 3 else pictures
+    pictures = pictures[:, :, None] if pictures.ndim == 4 else pictures  # (V, B, N, H, W)
+    crop = (0, 0, *pictures.shape[3:]) if crop is None else _checked_crop(crop)
+    pictures = _cropped("patterns", pictures, crop)
+    views, frames, _, rows, columns = pictures.shape
+    if full_scale is not None:
+        full_scale = positive_number("full_scale", full_scale)
+
+    darks = _repeated("dark", np.zeros((1, rows, columns)) if dark is None else dark, crop, dark is None)
+    black = average(darks)
+    light = np.stack([[average(p) - black for p in view] for view in pictures])  # (V, B, H, W)
+    response = _response(white, black, crop, views)
+    bad = _far(black) | _far(darks.std(0)) | _saturated(pictures, white, crop, full_scale)
+    shading = light.max(1) if response is None else response  # what each pixel sees of an open element
+    bad |= np.all([picture < DEAD * _median(picture) for picture in shading], axis=0)
+    gains = np.ones((views, frames)) if response is None else lamp_gains(light, response, bad)
+    one = float(np.median(shading[:, ~bad] if (~bad).any() else shading))
+    if one <= 0:
+        raise InputError("patterns are not brighter than dark: their order may be another than dark, white, patterns")
+    masks = (light / (one * gains[..., None, None])).astype(np.float32)
+    quality = measure_quality(masks, shading / one, pictures, black, bad, gains)
+    return Calibration(masks, black.astype(np.float32), bad, crop, quality)
+
+
+def average(pictures: np.ndarray) -> np.ndarray:
+    """Mean (H, W) of pictures (N, H, W); of three or more without the smallest and the largest of each pixel."""
+    total = pictures.sum(0, dtype=np.float64)
+    if len(pictures) < 3:
+        return total / len(pictures)
+    return (total - pictures.min(0) - pictures.max(0)) / (len(pictures) - 2)
+
+
+def _response(white: Any, black: np.ndarray, crop: tuple[int, ...], views: int) -> np.ndarray | None:
+    """What each pixel shows of the lamp, (V, H, W)."""
+    if white is None:
+        return None
+    array = _finite("white", white, (2, 3, 4))
+    if array.ndim == 4 and len(array) != views:
+        raise InputError(f"white has pictures of {len(array)} views, but patterns of {views}: the same was expected")
+    each = array if array.ndim == 4 else array.reshape(1, -1, *array.shape[-2:])
+    response = np.stack([average(_cropped("white", one, crop)) for one in each]) - black
+    if np.median(response) <= 0:
+        raise InputError(f"white is not brighter than dark: {np.median(response):.3g} in the median, > 0 was expected")
+    return np.broadcast_to(response, (views, *response.shape[1:]))
+
+
+def _far(picture: np.ndarray) -> np.ndarray:
+    """Pixels whose value is far above those around them."""
+    rest = picture - _median(picture)
+    spread = 1.4826 * np.median(np.abs(rest))
+    return rest > np.float64(max(SURE * spread, np.finfo(np.float32).eps * np.abs(picture).max(), 1e-12))
+
+
+def _median(picture: np.ndarray) -> np.ndarray:
+    from scipy.ndimage import median_filter
+
+    return median_filter(picture, AROUND, mode="nearest")
+
+
+def _saturated(patterns: np.ndarray, white: Any, crop: tuple[int, ...], full_scale: float | None) -> np.ndarray:
+    """Pixels of which most repeats are at full scale in any picture."""
+    if full_scale is None:
+        return np.zeros(patterns.shape[-2:], bool)
+    reached = np.any(np.median(patterns, 2) >= full_scale, axis=(0, 1))
+    if white is not None:
+        pictures = _cropped("white", real_array("white", white), crop).reshape(-1, *reached.shape)
+        reached = reached | (np.median(pictures, 0) >= full_scale)
+    return reached
+
+
+def _repeated(name: str, value: Any, crop: tuple[int, ...], cropped: bool = False) -> np.ndarray:
+    array = _finite(name, value, (2, 3))
+    array = array if cropped else _cropped(name, array, crop)
+    return array.reshape(-1, *array.shape[-2:])
+
+
+def _finite(name: str, value: Any, dimensions: tuple[int, ...]) -> np.ndarray:
+    array = real_array(name, value)
+    if array.ndim not in dimensions or array.size == 0:
+        allowed = " or ".join(map(str, dimensions))
+        raise InputError(f"{name} has shape {array.shape}: {allowed} dimensions were expected, rows and columns last")
+    require_finite(name, array)
+    return array
+
+
+def _checked_crop(crop: Any) -> tuple[int, int, int, int]:
+    try:
+        top, left, rows, columns = crop
+    except (TypeError, ValueError) as error:
+        raise InputError(f"crop is {crop!r}: (top, left, rows, columns) was expected") from error
+    return whole("crop", top, 0), whole("crop", left, 0), whole("crop", rows, 1), whole("crop", columns, 1)
+
+
+def _cropped(name: str, pictures: np.ndarray, crop: tuple[int, ...]) -> np.ndarray:
+    top, left, rows, columns = crop
+    if pictures.shape[-2] < top + rows or pictures.shape[-1] < left + columns:
+        have = " x ".join(map(str, pictures.shape[-2:]))
+        raise InputError(f"{name} is of {have} pixels: {top + rows} x {left + columns} at least were expected")
+    return pictures[..., top : top + rows, left : left + columns]

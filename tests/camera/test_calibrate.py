@@ -1,0 +1,155 @@
+"""Masks from raw pictures with the faults that cameras have, against the masks that the pictures were made with."""
+
+import numpy as np
+import pytest
+from click.testing import CliRunner
+
+import pnp_sci
+from pnp_sci import Calibration, calibrate, io
+from pnp_sci.cli.main import main
+from pnp_sci.errors import InputError
+
+V, B, N, SIDE = 2, 6, 5, 64
+RNG = np.random.default_rng(0)
+ROW, COLUMN = np.mgrid[:SIDE, :SIDE] / SIDE - 0.5
+MASKS = pnp_sci.random_masks((V, B, SIDE, SIDE), seed=1)
+SHADING = 1 - 0.8 * (ROW**2 + COLUMN**2)  # of the lens: 0.6 in the corners
+OFFSET = 100 + RNG.normal(0, 3, (SIDE, SIDE))  # of each pixel
+HOT, DEAD = RNG.random((2, SIDE, SIDE)) < 0.002
+
+
+def camera(light, lamp=1.0):
+    """Counts of a 16-bit camera for light (..., H, W) in parts of the lamp: photon and read noise, hot, dead pixels."""
+    counts = 20000 * lamp * light * SHADING
+    counts = counts + RNG.normal(0, 1, counts.shape) * np.sqrt(counts) * 0.7 + RNG.normal(0, 5, counts.shape)
+    return np.clip(np.where(DEAD, 0, counts) + OFFSET + 8000 * HOT, 0, 65535).round().astype(np.uint16)
+
+
+def pictures(lamp=None, stray=0.05):
+    lamp = np.ones((V, B, 1, 1, 1)) if lamp is None else lamp
+    light = stray + (1 - stray) * MASKS[:, :, None].astype(float)
+    raw = camera(np.broadcast_to(light, (V, B, N, SIDE, SIDE)), lamp)
+    raw[0, 0, 0, 5:9, 5:9] = 60000  # a cosmic ray
+    return camera(np.zeros((N, SIDE, SIDE))), camera(np.ones((N, SIDE, SIDE))), raw
+
+
+def test_masks_are_found_behind_all_faults():
+    lamp = 1 + 0.1 * RNG.standard_normal((V, B, 1, 1, 1)).clip(-1, 1)
+    made = calibrate(*pictures(lamp))
+    assert not (HOT & ~made.bad).any()
+    assert not (DEAD & ~made.bad).any()
+    assert (made.bad & ~HOT & ~DEAD).sum() < 10
+    true = (0.05 + 0.95 * MASKS) * SHADING / np.median(SHADING)
+    found, true = made.masks[:, :, ~made.bad], true[:, :, ~made.bad]
+    gain = (found * true).sum() / (true**2).sum()  # the lamp's mean brightness is anybody's guess
+    assert 0.9 < gain < 1.1
+    assert np.abs(found / gain - true).mean() < 0.01
+    np.testing.assert_allclose(made.dark[~HOT], OFFSET[~HOT], atol=20)
+    assert 0.05 < made.quality.drift < 0.3
+    assert made.quality.contrast == pytest.approx((0.9, 0.9), abs=0.05)
+
+
+def test_the_video_is_that_of_true_masks():
+    """Masks and measurement as the camera gives them, against those that nobody knows."""
+    truth = pnp_sci.datasets.embedded_scene(SIDE).truth[:, :B]
+    taken = pictures(stray=0.0)
+    made = calibrate(*taken)
+    light = np.einsum("vbhw,vbhw->hw", MASKS, truth)
+    raw = np.clip(300 * light * SHADING + RNG.normal(0, 5, light.shape) + OFFSET + 8000 * HOT, 0, 65535).astype("u2")
+    y = made.correct(raw)
+    assert y.mask.sum() == made.bad.sum()
+    found = pnp_sci.solve(np.where(made.bad, 0, y.data), made.masks * ~made.bad)
+    x = found.x / 300 / np.median(SHADING)
+    ideal = pnp_sci.solve(pnp_sci.simulate(truth, MASKS), MASKS).x
+    naive = pnp_sci.solve(raw.astype(float), taken[2].mean(2) / 20000).x / 300
+    made_, ideal_, naive_ = (float(pnp_sci.psnr(video, truth).mean()) for video in (x, ideal, naive))
+    assert made_ > ideal_ - 1
+    assert naive_ < made_ - 1.5, (made_, ideal_, naive_)
+
+
+@pytest.mark.parametrize("fault", ["twice", "missing", "blurred", "lamp", "few"])
+def test_what_is_poor_is_said(fault):
+    from scipy.ndimage import gaussian_filter
+
+    dark, white, raw = pictures()
+    if fault == "twice":
+        raw[1, 3] = raw[1, 2]
+        said = "view 2: the pictures of frames 3 and 4 are alike"
+    elif fault == "missing":
+        raw[0, 4] = dark
+        said = "view 1: the picture of frame 5 is dark"
+    elif fault == "blurred":
+        raw = gaussian_filter(raw.astype(float), (0, 0, 0, 2, 2))
+        said = "focus the masks"
+    elif fault == "lamp":
+        raw[:, 0] = dark + (raw[:, 0] - dark.astype(float)) * 0.8
+        said = "the lamp drifts"
+    else:
+        raw = raw + RNG.normal(0, 3000, raw.shape)
+        said = "take more pictures"
+    assert any(said in sentence for sentence in calibrate(dark, white, raw).quality.advice)
+
+
+def test_good_pictures_give_no_advice():
+    assert calibrate(*pictures()).quality.advice == []
+
+
+def test_without_white_and_dark():
+    raw = camera(MASKS.astype(float)).astype(float) - OFFSET
+    made = calibrate(None, None, raw)
+    true = MASKS * SHADING / np.median(SHADING)
+    assert np.abs(made.masks - true)[:, :, ~made.bad].mean() < 0.05
+
+
+def test_saturated_pixels_are_bad():
+    dark, white, raw = pictures()
+    raw[:, :, :, 10, 10:20] = 65535
+    assert calibrate(dark, white, raw, full_scale=65535).bad[10, 10:20].all()
+
+
+def test_crop_holds_for_measurements_too():
+    dark, white, raw = pictures()
+    made = calibrate(dark, white, raw, crop=(4, 6, 32, 40))
+    assert made.masks.shape == (V, B, 32, 40)
+    np.testing.assert_allclose(made.correct(white).data, white[:, 4:36, 6:46] - made.dark, rtol=1e-6)
+
+
+@pytest.mark.parametrize(
+    ("arguments", "said"),
+    [
+        ((np.ones((8, 8)), np.zeros((8, 8)), np.ones((2, 8, 8))), "white is not brighter than dark"),
+        ((np.zeros((8, 8)), None, np.full((2, 8, 8), np.nan)), "patterns has 128 values that are NaN"),
+        ((np.zeros((7, 8)), None, np.ones((2, 8, 8))), "dark is of 7 x 8 pixels"),
+        ((np.zeros((8, 8)), np.ones((3, 1, 8, 8)), np.ones((2, 2, 8, 8))), "white has pictures of 3 views"),
+        ((np.zeros((8, 8)), None, np.ones((8, 8))), "patterns has shape"),
+        ((np.full((8, 8), 9), None, np.ones((2, 8, 8))), "order may be another"),
+    ],
+)
+def test_errors_name_the_argument(arguments, said):
+    with pytest.raises(InputError, match=said):
+        calibrate(*arguments)
+
+
+@pytest.mark.parametrize("suffix", [".npz", ".h5", ".mat"])
+def test_it_is_kept(tmp_path, suffix):
+    made = calibrate(*pictures(), crop=(4, 6, 32, 40))
+    made.save(tmp_path / f"c{suffix}")
+    back = Calibration.load(tmp_path / f"c{suffix}")
+    for name in ("masks", "dark", "bad"):
+        np.testing.assert_array_equal(getattr(back, name), getattr(made, name))
+    assert back.crop == made.crop
+
+
+def test_command(tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    dark, white, raw = pictures()
+    io.write("dark.tif", dark)
+    io.write("white.tif", white)
+    for view, stack in enumerate(raw, 1):
+        io.write(f"view{view}", stack.reshape(-1, SIDE, SIDE))  # folders of pictures
+    words = ["calibrate", "view1", "view2", "--dark", "dark.tif", "--white", "white.tif", "--repeats", str(N)]
+    done = CliRunner().invoke(main, [*words, "--report", "report.png"])
+    assert done.exit_code == 0, done.output
+    assert "contrast" in done.output
+    assert io.read_masks("calibration.npz").shape == (V, B, SIDE, SIDE)
+    assert (tmp_path / "report.png").stat().st_size > 1000
