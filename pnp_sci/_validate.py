@@ -13,7 +13,11 @@ from pnp_sci.errors import InputError, InputTypeError
 
 
 def real_array(name: str, value: Any) -> np.ndarray:
-    """`value` as an array of real numbers; raises an InputTypeError that names it."""
+    """`value` as an array of real numbers; raises an InputTypeError that names it, also for masked values."""
+    if np.ma.is_masked(value):
+        raise InputTypeError(
+            f"{name} is a masked array with {np.ma.count_masked(value)} masked values: an array was expected"
+        )
     try:
         array = np.asarray(value)
     except Exception as error:  # rows of different lengths, and what each library says of its own arrays
@@ -48,14 +52,14 @@ def white(name: str, dtype: np.dtype, largest: float = 1.0) -> float:
     return float(np.iinfo(dtype).max)
 
 
-def require_finite(name: str, array: np.ndarray) -> None:
-    """Raise an InputError that says how many values of `array` are NaN or infinite, and where the first is."""
+def require_finite(name: str, array: np.ndarray, hint: str = "") -> None:
+    """Raise an InputError that says how many values of `array` are NaN or infinite, where the first is, and a hint."""
     if array.dtype.kind == "f" and not np.isfinite(array).all():
         bad = ~np.isfinite(array)
         first = tuple(int(i) for i in np.unravel_index(int(np.argmax(bad)), array.shape))
         raise InputError(
             f"{name} has {int(bad.sum())} values that are NaN or infinite in {array.dtype}, the first at index "
-            f"{first}: finite values were expected"
+            f"{first}: finite values were expected{hint}"
         )
 
 

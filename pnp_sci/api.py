@@ -9,6 +9,7 @@ from typing import Any
 import numpy as np
 
 from pnp_sci._validate import shaped
+from pnp_sci.pipeline.input import Input
 from pnp_sci.pipeline.measurement import counts, put
 from pnp_sci.pipeline.provenance import provenance
 from pnp_sci.pipeline.request import as_plain
@@ -17,7 +18,7 @@ from pnp_sci.plugins.resolve import decoder_for
 from pnp_sci.results.history import History, Record, Status
 from pnp_sci.results.result import Result
 from pnp_sci.scene.choose import choose_scene
-from pnp_sci.sensing.problem import check_measurement, check_noise, check_operator, check_scene, pose
+from pnp_sci.sensing.problem import check_noise, check_scene
 from pnp_sci.sensing.scene_model import SceneModel
 from pnp_sci.sensing.sensor import Sensor
 from pnp_sci.solvers.state import State, length, start
@@ -33,6 +34,7 @@ def solve(
     algorithm: str = "gap",
     effort: str = "balanced",
     scene: str | SceneModel = "auto",
+    bad: Any = None,
     iterations: int | None = None,
     noise: float | str | Sensor = "auto",
     sigma: float | None = None,
@@ -52,18 +54,19 @@ def solve(
     Parameters
     ----------
     y : array_like, (H, W) or (N, H, W)
-        The measurement, in any unit, or N of them taken with the same masks.
+        The measurement, in any unit, or N of them taken with the same masks. Masked values are bad pixels.
     masks : array_like, (V, B, H, W) or (B, H, W), or SensingOperator
         Transmission for each view and frame, any real values; 3-D masks mean one view.
     prior : str, Prior, callable, torch.nn.Module, or sequence of (prior, iterations)
         A name (``pnp-sci priors``), names joined by "+", "auto", a function ``(x, sigma)``, or stages.
     init : str, array_like (V, B, H, W), or callable (problem, scene)
         First estimate: "adjoint", a decoder, or a video in the units of the result. "auto" is a decoder for networks.
-    algorithm : "gap", "plain-gap" or "admm"
-    effort : "fast", "balanced" or "best"
-        How many iterations are made at most, and which prior "auto" stands for.
+    algorithm, effort : str
+        "gap", "plain-gap" or "admm"; "fast", "balanced" or "best": the most iterations, and which prior "auto" is.
     scene : "auto", "full" or SceneModel
         What to model: "auto" drops dark views, and models a still scene by one frame per view.
+    bad : "auto", or array_like of bool, (H, W), optional
+        Pixels of y that are not used. "auto" finds hot and dead ones.
     iterations, sigma : optional
         Largest number of iterations; what the prior is told, where x spans [0, 1]. By default rules decide.
     noise : "auto", float, or Sensor
@@ -86,8 +89,7 @@ def solve(
     Returns
     -------
     Result
-        ``Result.x`` is (V, B, H, W), or (N, V, B, H, W), in the units of y over those of the masks. A numerical failure
-        is a `Status`, never an exception.
+        `x` is (V, B, H, W) or (N, V, B, H, W), in units of y over those of the masks; a failure is a `Status`.
 
     Raises
     ------
@@ -101,12 +103,11 @@ def solve(
     >>> pnp_sci.solve(scene.y, scene.masks, iterations=20).x.shape
     (2, 10, 64, 64)
     """
-    options = dict(
-        prior=prior, prior_options=prior_options, init=init, algorithm=algorithm, effort=effort, scene=scene,
+    return solve_all(y, masks, reference, peak, dict(
+        prior=prior, prior_options=prior_options, init=init, algorithm=algorithm, effort=effort, scene=scene, bad=bad,
         iterations=iterations, noise=noise, sigma=sigma, tol=tol, time_budget=time_budget, callback=callback,
         progress=progress, device=device, threads=threads, seed=seed,
-    )  # fmt: skip
-    return solve_all(y, masks, reference, peak, options)
+    ))  # fmt: skip
 
 
 def decode(
@@ -116,13 +117,14 @@ def decode(
     *,
     noise: float | str | Sensor = "auto",
     scene: str | SceneModel = "auto",
+    bad: Any = None,
     **options: Any,
 ) -> Result:
     """Recover the video of every view with a network alone, without iterations.
 
     Parameters
     ----------
-    y, masks, noise, scene
+    y, masks, noise, scene, bad
         As for :func:`solve`.
     model : str, or callable (problem, scene)
         An installed decoder (``pnp-sci priors`` lists them), or an object that is one.
@@ -149,31 +151,31 @@ def decode(
     """
     began = time.perf_counter()
     decoder = decoder_for("model", model, options)
-    measurements = check_measurement(y)
-    op, largest = check_operator(masks, measurements)
-    sensor = check_noise(noise)
+    given = Input.of(y, masks, bad)
+    op, sensor = given.op, check_noise(noise)
     check_scene(scene, op)
-    videos = np.empty((len(measurements), *op.shape), op.dtype)
+    fits = given.check(sensor)
+    videos = np.empty((len(fits), *op.shape), op.dtype)
     statuses, records, problems, scenes = [], [], [], []
-    for n, measurement in enumerate(measurements):
+    for n, problem in enumerate(given.problems(sensor, fits)):
         begun = time.perf_counter()
-        problem = pose(op, largest, measurement, sensor)
         chosen = choose_scene(scene if decoder.needs_scene else "full", problem)
         x = shaped("what the decoder returns", decoder(problem, chosen), op.shape, op.dtype)
         seconds = time.perf_counter() - begun
         put(x, videos[n], problem.unit)
         statuses.append(Status.DECODED if np.isfinite(x).all() else Status.NOT_FINITE)
-        state = start(op, problem.y, x if statuses[-1].ok else np.zeros_like(x))
+        state = start(problem.op, problem.y, x if statuses[-1].ok else np.zeros_like(x))
         residual = relative_residual(state, length(problem.y) or 1.0, problem.saturated)
         records.append(Record(0, seconds, residual, float("nan"), measurement=n))
         problems.append(problem)
-        scenes.append(chosen.describe(op) | {"at_rest": [None] * op.shape[0]} | counts(problem))
+        at_rest = {"at_rest": [None] * op.shape[0]}
+        scenes.append(given.found(chosen.describe(op) | at_rest | counts(problem), fits[n]))
     return Result(
         videos if np.ndim(y) == 3 else videos[0],
         Status.worst(statuses),
         History(records),
         {"model": model if isinstance(model, str) else repr(model), "model_options": as_plain(options)}
-        | provenance(y, masks, largest, problems, began),
+        | provenance(y, masks, given.largest, problems, began),
         scenes,
     )
 

@@ -14,18 +14,20 @@ from pnp_sci import api
 from pnp_sci.bench.held_back import filled_start, held_back_score
 from pnp_sci.bench.methods import Method, Source
 from pnp_sci.bench.runner import machine, scores
+from pnp_sci.camera.fit import Fit
 from pnp_sci.errors import InputError
 from pnp_sci.formats.plain import finite
 from pnp_sci.masks import condition
 from pnp_sci.pipeline.auto import prior_for
+from pnp_sci.pipeline.input import Input, told
 from pnp_sci.pipeline.reference import Reference
 from pnp_sci.plugins.resolve import as_prior
 from pnp_sci.results.result import Result
 from pnp_sci.scene.choose import choose_scene
 from pnp_sci.sensing.operator import as_masks
-from pnp_sci.sensing.problem import check_measurement, check_noise, check_operator, measured, pose
+from pnp_sci.sensing.problem import check_noise, measured
 from pnp_sci.sensing.scene_model import SceneModel
-from pnp_sci.sensing.sensor import Sensor, warn_if_saturated
+from pnp_sci.sensing.sensor import Sensor
 
 
 @dataclass(frozen=True, eq=False)
@@ -96,6 +98,8 @@ class Comparison:
         Value of the videos that is displayed as white.
     facts : dict
         Description of the measurement: names and texts.
+    fit : Fit
+        How the measurement and the masks fit.
     machine : dict
         See :func:`pnp_sci.bench.runner.machine`.
     """
@@ -105,6 +109,7 @@ class Comparison:
     truth: np.ndarray | None
     white: float
     facts: dict[str, str]
+    fit: Fit
     machine: dict[str, Any] = field(default_factory=machine)
 
     def as_json(self) -> str:
@@ -130,6 +135,7 @@ def compare(
     noise: float | str | Sensor = "auto",
     seed: int = 0,
     device: str | None = None,
+    bad: Any = None,
 ) -> Comparison:
     """Run several methods on one measurement.
 
@@ -147,7 +153,7 @@ def compare(
         The files of y and masks, for the command lines.
     progress : bool
         Whether to show a progress bar.
-    noise, seed, device
+    noise, seed, device, bad
         As for :func:`pnp_sci.solve`, for all methods.
 
     Returns
@@ -175,12 +181,15 @@ def compare(
         raise InputError(f"y has shape {np.shape(y)}: one measurement (rows, columns) was expected")
     if not methods:
         raise InputError("methods is empty: one at least was expected")
-    task = _Task.of(y, masks, reference, {"noise": noise, "seed": seed, "device": device}, source)
-    trials = tuple(task.attempt(method) for method in tqdm(methods, "compare", disable=not progress, leave=False))
+    task = _Task.of(y, masks, reference, {"noise": noise, "seed": seed, "device": device}, source, bad)
+    with told():
+        trials = tuple(task.attempt(method) for method in tqdm(methods, "compare", disable=not progress, leave=False))
     if task.truth is not None:
-        return Comparison(task.y, trials, task.truth.array[0] / task.truth.white, task.truth.white, task.facts())
+        return Comparison(
+            task.y, trials, task.truth.array[0] / task.truth.white, task.truth.white, task.facts(), task.fit
+        )
     whites = [trial.result.white for trial in trials if trial.result is not None]
-    return Comparison(task.y, trials, None, float(np.median(whites)) if whites else 1.0, task.facts())
+    return Comparison(task.y, trials, None, float(np.median(whites)) if whites else 1.0, task.facts(), task.fit)
 
 
 @dataclass(frozen=True, eq=False)
@@ -194,27 +203,31 @@ class _Task:
     noise: float  # standard deviation in the units of y
     sensor: Sensor  # with the estimated read noise if it is "auto"
     saturated: np.ndarray | None
+    bad: np.ndarray | None
+    fit: Fit
     scene: SceneModel
     truth: Reference | None
     common: dict[str, Any]
     source: Source | None
 
     @classmethod
-    def of(cls, y: Any, masks: Any, reference: Any, common: dict[str, Any], source: Source | None) -> _Task:
-        (picture,) = check_measurement(y)
+    def of(cls, y: Any, masks: Any, reference: Any, common: dict[str, Any], source: Source | None, bad: Any) -> _Task:
         planes = as_masks(masks)
-        op, largest = check_operator(planes, picture[None])
-        warn_if_saturated(common["noise"], picture[None])
-        sensor = measured(check_noise(common["noise"]), op, picture)
-        problem = pose(op, largest, picture, sensor)
+        given = Input.of(y, planes, bad)
+        op, (picture,) = given.op, given.measurements
+        (fit,) = fits = given.check(check_noise(common["noise"]))
+        (problem,) = given.problems(check_noise(common["noise"]), fits)
+        sensor = measured(check_noise(common["noise"]), problem.op, picture, problem.bad)
         return cls(
             picture,
             masks,
             planes,
             problem.unit,
-            problem.typical_noise * problem.unit * largest,
+            problem.typical_noise * problem.unit * given.largest,
             sensor,
             problem.saturated,
+            problem.bad,
+            fit,
             choose_scene("auto", problem),
             None if reference is None else Reference(reference, (1, *op.shape)),
             common,
@@ -226,7 +239,7 @@ class _Task:
         try:
             score = self.score(method)
             # the same estimate of the noise as in `solve`
-            settings: dict[str, Any] = self.common | {"noise": self.sensor}
+            settings: dict[str, Any] = self.common | {"noise": self.sensor, "bad": self.bad}
             result = api.solve(self.y, self.masks, **method.arguments(), **settings)
         except Exception as error:  # an error in a plugin must not end the comparison
             return Trial(method, *words, error=" ".join(str(error).split()) or type(error).__name__)
@@ -241,10 +254,11 @@ class _Task:
         network = as_prior(prior).traits(self.planes.shape).network
         known = {"init": filled_start(method.init, network), "noise": self.sensor, "scene": self.scene}
         settings = method.arguments() | self.common | known
+        planes = self.planes if self.bad is None else self.planes * ~self.bad
         return held_back_score(
             lambda y, masks: api.solve(y, masks, **settings).x,
-            self.y,
-            self.planes,
+            self.y if self.bad is None else self.y * ~self.bad,
+            planes,
             noise=self.noise,
             white=self.unit,
             saturated=self.saturated,
@@ -260,7 +274,8 @@ class _Task:
             "Values": f"{self.y.min():.4g} to {self.y.max():.4g}",
             "Noise": f"{self.noise:.3g} (standard deviation, {known})",
             "Scene": self.scene.reason,
+            **({} if self.bad is None else {"Bad": f"{self.bad.mean():.2%} of the pixels"}),
             **({} if self.saturated is None else {"Saturated": f"{self.saturated.mean():.2%} of the pixels"}),
             **dict(lines),
-            **({"Warnings": "; ".join(report.warnings)} if report.warnings else {}),
+            **({"Warnings": "; ".join(warnings)} if (warnings := (*report.warnings, *self.fit.warnings)) else {}),
         }

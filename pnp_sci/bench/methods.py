@@ -21,7 +21,7 @@ class Source:
     Attributes
     ----------
     measurement, masks : path
-    views, key, masks_key, index : optional
+    views, key, masks_key, index, bad : optional
         As for ``pnp-sci solve``.
     """
 
@@ -31,17 +31,20 @@ class Source:
     key: str | None = None
     masks_key: str | None = None
     index: int | None = None
+    bad: str | None = None
 
     def python(self) -> str:
         """Python code that reads both files."""
         y = _call("io.read_measurement", repr(str(self.measurement)), key=self.key)
         chosen = "" if self.index is None else f"[{self.index}]"
         masks = _call("io.read_masks", repr(str(self.masks)), views=self.views, key=self.masks_key)
-        return f"import pnp_sci\nfrom pnp_sci import io\n\ny = {y}{chosen}\nmasks = {masks}\n"
+        bad = {None: "", "auto": "bad = 'auto'\n"}.get(self.bad, f"bad = io.read({self.bad!r}) != 0\n")
+        return f"import pnp_sci\nfrom pnp_sci import io\n\ny = {y}{chosen}\nmasks = {masks}\n{bad}"
 
     def command(self) -> list[str]:
         """Words of the command line before the options of the method."""
         options = {"views": self.views, "key": self.key, "masks_key": self.masks_key, "index": self.index}
+        options |= {"bad": self.bad}
         return ["pnp-sci", "solve", str(self.measurement), "--masks", str(self.masks), *_options(options)]
 
 
@@ -96,9 +99,10 @@ class Method:
     def python(self, source: Source | None, **common: Any) -> str:
         """Python code of :meth:`run`, after the lines that read the source, if any."""
         read = source.python() if source else ""
+        words = ("y", "masks", "bad=bad") if source and source.bad else ("y", "masks")
         if self.prior is None:
-            return f"{read}result = {_call('pnp_sci.decode', 'y', 'masks', **self.arguments())}"
-        return f"{read}result = {_call('pnp_sci.solve', 'y', 'masks', **self.arguments(), **common)}"
+            return f"{read}result = {_call('pnp_sci.decode', *words, **self.arguments())}"
+        return f"{read}result = {_call('pnp_sci.solve', *words, **self.arguments(), **common)}"
 
     def command(self, source: Source | None, **common: Any) -> str | None:
         """Command line of :meth:`run`; None without a prior or without files."""

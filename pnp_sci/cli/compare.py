@@ -7,7 +7,18 @@ from typing import TYPE_CHECKING
 
 import click
 
-from pnp_sci.cli.inputs import FILE, Command, Output, camera, camera_options, interactive, masks_for, one_of, true_video
+from pnp_sci.cli.inputs import (
+    FILE,
+    Command,
+    Output,
+    bad_pixels,
+    camera,
+    camera_options,
+    interactive,
+    masks_for,
+    one_of,
+    true_video,
+)
 
 if TYPE_CHECKING:
     from pnp_sci.bench import Trial
@@ -47,6 +58,7 @@ def compare(
     algorithms: str,
     efforts: str,
     iterations: int | None,
+    bad: str | None,
     noise: str,
     gain: float | None,
     full_scale: float | None,
@@ -78,14 +90,15 @@ def compare(
         masks,
         bench.grid(priors.split(","), inits.split(","), algorithms.split(","), efforts.split(","), iterations),
         reference=truth,
-        source=bench.Source(measurement, masks_file or measurement, views, key, masks_key, index),
+        source=bench.Source(measurement, masks_file or measurement, views, key, masks_key, index, bad),
         progress=interactive(),
         noise=sensor,
         seed=seed,
         device=device,
+        bad=bad_pixels(bad),
     )
-    for trial in result.trials:
-        click.echo(_line(trial))
+    for line in (*(f"Warning: {text}" for text in result.fit.warnings), *map(_line, result.trials)):
+        click.echo(line)
     if json_file is not None:
         with replacing(json_file) as temporary:
             temporary.write_text(result.as_json() + "\n", encoding="utf-8")

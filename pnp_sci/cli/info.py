@@ -4,11 +4,15 @@ from __future__ import annotations
 
 import json
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 import click
 
 from pnp_sci.cli.inputs import FILE
 from pnp_sci.errors import UnknownPluginError
+
+if TYPE_CHECKING:
+    import numpy as np
 
 
 @click.command()
@@ -31,9 +35,22 @@ def info(file: Path, views: int | None) -> None:
         return
     for entry in entries:
         click.echo(f"{entry.key:12s} {' x '.join(map(str, entry.shape)):22s} {entry.dtype:8s} {entry.meaning}")
-    for entry in entries:
-        if entry.meaning.startswith("masks"):
-            click.echo(f"\n{condition(io.read_masks(file, views, entry.key))}")
+    masks = [io.read_masks(file, views, entry.key) for entry in entries if entry.meaning.startswith("masks")]
+    for planes in masks:
+        click.echo(f"\n{condition(planes)}")
+    measurements = [entry.key for entry in entries if entry.meaning.startswith("measurement")]
+    if len(masks) == len(measurements) == 1:
+        _print_fit(io.read_measurement(file, measurements[0]), masks[0])
+
+
+def _print_fit(y: np.ndarray, masks: np.ndarray) -> None:
+    """How each measurement fits the masks, if they are as large as it."""
+    from pnp_sci.camera.check import check_fit
+
+    if y.shape[-2:] != masks.shape[-2:]:
+        return
+    for n, picture in enumerate(y if y.ndim == 3 else [y], 1):
+        click.echo(f"\n{f'Measurement {n}: ' if y.ndim == 3 else ''}{check_fit(picture, masks)}")
 
 
 @click.command()

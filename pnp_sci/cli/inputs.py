@@ -71,9 +71,11 @@ def interactive() -> bool:
 
 
 def camera_options(command: Callable) -> Callable:
-    """The options that :func:`camera` takes, for a command."""
+    """The options that :func:`camera` and :func:`bad_pixels` take, for a command."""
+    bad = "Picture that is not 0 in bad pixels, which are not used; or auto: hot and dead ones are found."
     noise = "Standard deviation of the noise, with --gain of that in the dark, in units of y; or auto."
     for option in (
+        click.option("--bad", metavar="FILE|auto", help=bad),
         click.option("--bits", type=click.IntRange(1, 32), help="Grey levels of the camera, up to --full-scale."),
         click.option("--full-scale", type=POSITIVE, help="The camera's largest value: pixels there are saturated."),
         click.option("--gain", type=POSITIVE, help="Units of y an electron, for photon noise.  [default: none]"),
@@ -97,6 +99,17 @@ def camera(noise: str, gain: float | None, full_scale: float | None, bits: int |
         return Sensor(level, gain or 0.0, full_scale, bits)  # type: ignore[arg-type]
     except InputError as error:
         raise click.BadParameter(str(error), param_hint="--noise, --gain, --full-scale, --bits") from error
+
+
+def bad_pixels(bad: str | None) -> Any:
+    """What ``--bad`` stands for: the `bad` of :func:`pnp_sci.solve`."""
+    if bad is None or bad == "auto":
+        return bad
+    if not Path(bad).is_file():
+        raise click.BadParameter(f"{bad!r} came, a file or auto was expected", param_hint="--bad")
+    from pnp_sci import io
+
+    return io.read(bad) != 0
 
 
 def masks_for(measurement: Path, masks_file: Path | None, views: int | None, key: str | None) -> np.ndarray:

@@ -13,6 +13,7 @@ from pnp_sci.cli.inputs import (
     POSITIVE,
     Command,
     Output,
+    bad_pixels,
     camera,
     camera_options,
     interactive,
@@ -56,6 +57,7 @@ def solve(
     masks_key: str | None,
     index: int | None,
     prior: str,
+    bad: str | None,
     noise: str,
     gain: float | None,
     full_scale: float | None,
@@ -82,7 +84,16 @@ def solve(
     if index is not None:
         y, truth = one_of(y, truth, index)
     result = api.solve(
-        y, masks, stages, noise=sensor, reference=truth, peak=peak, progress=interactive(), **settings, **prior_options
+        y,
+        masks,
+        stages,
+        noise=sensor,
+        bad=bad_pixels(bad),
+        reference=truth,
+        peak=peak,
+        progress=interactive(),
+        **settings,
+        **prior_options,
     )
     written = [save_somewhere(result, out)]
     if video is not None:

@@ -157,9 +157,9 @@ def _judged_until(deadline: float | None) -> float:
 
 
 def counts(problem: Problem) -> dict[str, Any]:
-    """Pixels of y that are saturated, and those that every mask leaves closed."""
-    saturated = 0 if problem.saturated is None else int(problem.saturated.sum())
-    return {"saturated": saturated, "closed": int((problem.op.gram == 0).sum())}
+    """Pixels of y that are saturated, those that are bad, and the others that every mask leaves closed."""
+    saturated, bad = (0 if pixels is None else int(pixels.sum()) for pixels in (problem.saturated, problem.bad))
+    return {"saturated": saturated, "bad": bad, "closed": int((problem.op.gram == 0).sum()) - bad}
 
 
 def package_settings(request: Request, outcomes: Sequence[Outcome]) -> dict[str, Any]:

@@ -26,10 +26,19 @@ def provenance(y: Any, masks: Any, largest: float, problems: Sequence[Problem], 
         "noise": [problem.typical_noise * problem.unit * largest for problem in problems],
         "unit": [problem.unit for problem in problems],
         "y": digest(y),
+        "bad": _bad(problems),
         "masks": digest(masks.masks if isinstance(masks, SensingOperator) else masks),
         "versions": dict(_versions("torch" in sys.modules)),
         "seconds": time.perf_counter() - began,
     }
+
+
+def _bad(problems: Sequence[Problem]) -> str | None:
+    """SHA-256 of the bad pixels of all measurements; None if there are none."""
+    if all(problem.bad is None for problem in problems):
+        return None
+    nothing = np.zeros(problems[0].y.shape, bool)
+    return digest(np.stack([nothing if problem.bad is None else problem.bad for problem in problems]))
 
 
 @cache

@@ -11,6 +11,7 @@ import numpy as np
 from pnp_sci._validate import positive_number
 from pnp_sci.accel.threads import limited
 from pnp_sci.masks import views_are_separable
+from pnp_sci.pipeline.input import Input
 from pnp_sci.pipeline.measurement import Outcome, package_settings, reconstruct, untouched
 from pnp_sci.pipeline.progress import watching
 from pnp_sci.pipeline.provenance import provenance
@@ -19,8 +20,6 @@ from pnp_sci.pipeline.request import check_request
 from pnp_sci.results.history import History, Status
 from pnp_sci.results.result import Result
 from pnp_sci.sensing.operator import SensingOperator
-from pnp_sci.sensing.problem import check_measurement, check_operator, pose
-from pnp_sci.sensing.sensor import warn_if_saturated
 
 _log = logging.getLogger("pnp_sci")
 
@@ -28,20 +27,19 @@ _log = logging.getLogger("pnp_sci")
 def solve_all(y: Any, masks: Any, reference: Any, peak: float | None, options: dict[str, Any]) -> Result:
     """What :func:`pnp_sci.solve` does; `options` are all its other arguments."""
     began = time.perf_counter()
-    measurements = check_measurement(y)
-    op, largest = check_operator(masks, measurements)
+    given = Input.of(y, masks, options.pop("bad"))
+    op, measurements = given.op, given.measurements
     request = check_request(op, len(measurements), **options)
     peak = None if peak is None else positive_number("peak", peak)
     truth = Reference(reference, (len(measurements), *op.shape), peak) if reference is not None else None
     _warn_of_lost_views(op)
-    warn_if_saturated(options["noise"], measurements)
+    fits = given.check(request.sensor)
 
     videos = np.empty((len(measurements), *op.shape), op.dtype)
     outcomes: list[Outcome] = []
     with limited(request.threads), watching(options["callback"], options["progress"]) as watch:
-        for n, measurement in enumerate(measurements):
+        for n, problem in enumerate(given.problems(request.sensor, fits)):
             deadline = _share_of_time(began, request.time_budget, len(measurements) - n)
-            problem = pose(op, largest, measurement, request.sensor)
             outcomes.append(
                 untouched(problem, videos[n], n, truth)
                 if watch.stopped
@@ -53,8 +51,8 @@ def solve_all(y: Any, masks: Any, reference: Any, peak: float | None, options: d
         videos if np.ndim(y) == 3 else videos[0],
         Status.worst([outcome.status for outcome in outcomes]),
         History(record for outcome in outcomes for record in outcome.records),
-        package_settings(request, outcomes) | provenance(y, masks, largest, problems, began),
-        [outcome.scene for outcome in outcomes],
+        package_settings(request, outcomes) | provenance(y, masks, given.largest, problems, began),
+        [given.found(outcome.scene, fit) for outcome, fit in zip(outcomes, fits)],
     )
 
 

@@ -114,8 +114,9 @@ class _Comparison:
         self.seen = ~self.hidden
         # if fewer pixels are saturated than held back, the held-back ones are still a random choice
         self.by_chance = problem.saturated is None or problem.saturated.mean() < HELD_BACK
-        if problem.saturated is not None:
-            self.hidden, self.seen = self.hidden & ~problem.saturated, self.seen & ~problem.saturated
+        for unknown in (problem.saturated, problem.bad):
+            if unknown is not None:
+                self.hidden, self.seen = self.hidden & ~unknown, self.seen & ~unknown
         self._known: dict[SceneModel, tuple[np.ndarray, np.ndarray]] = {}
 
     def __call__(

@@ -22,7 +22,9 @@ class NoiseNumbers(Tuned):
 TUNED = NoiseNumbers()
 
 
-def estimate_noise(op: SensingOperator, y: np.ndarray, saturated: np.ndarray | None = None) -> float:
+def estimate_noise(
+    op: SensingOperator, y: np.ndarray, saturated: np.ndarray | None = None, bad: np.ndarray | None = None
+) -> float:
     """Standard deviation of the noise of a measurement, in the units of y.
 
     The model of a block of 8 x 8 pixels has a plane and a linear change in time for each view, ``4 V`` coefficients. It
@@ -37,6 +39,8 @@ def estimate_noise(op: SensingOperator, y: np.ndarray, saturated: np.ndarray | N
     y : ndarray, (H, W)
     saturated : ndarray of bool, (H, W), optional
         Blocks with a saturated pixel are not used.
+    bad : ndarray of bool, (H, W), optional
+        Pixels that are not used. Blocks with fewer than twice as many good pixels as coefficients are not used.
 
     Returns
     -------
@@ -54,11 +58,12 @@ def estimate_noise(op: SensingOperator, y: np.ndarray, saturated: np.ndarray | N
     from scipy.special import gammaincinv
 
     views, frames, rows, columns = op.shape
-    freedom = BLOCK * BLOCK - 4 * views
-    usable = np.ones((rows // BLOCK) * (columns // BLOCK), bool)
+    good = np.ones((rows // BLOCK) * (columns // BLOCK), int) * BLOCK * BLOCK if bad is None else blocks(~bad).sum(1)
+    freedom = good - 4 * views
+    usable = freedom >= (1 if bad is None else 4 * views)
     if saturated is not None:
-        usable = ~blocks(saturated).any(1)
-    if usable.sum() < 16 or freedom < 1:
+        usable &= ~blocks(saturated).any(1)
+    if usable.sum() < 16:
         return 0.0
     right, down = (t.reshape(-1) for t in np.meshgrid(*[np.linspace(-0.5, 0.5, BLOCK)] * 2))
     time = np.linspace(-1, 1, frames) if frames > 1 else np.zeros(1)
@@ -69,13 +74,15 @@ def estimate_noise(op: SensingOperator, y: np.ndarray, saturated: np.ndarray | N
         terms += [total, total * down, total * right, drift]
     model = np.stack(terms, axis=-1)
     values = blocks(y.astype(np.float64))
+    if bad is not None:
+        model, values = model * ~blocks(bad)[..., None], values * ~blocks(bad)
     normal = model.transpose(0, 2, 1) @ model
     ridge = 1e-9 * np.trace(normal, axis1=1, axis2=2)[:, None, None] + np.finfo(float).tiny
     product = np.einsum("kpi,kp->ki", model, values)
     fit = np.linalg.solve(normal + ridge * np.eye(model.shape[-1]), product[..., None])[..., 0]
     left_over = ((values - np.einsum("kpi,ki->kp", model, fit)) ** 2).sum(1)
-    quantile_of_chi_square = 2 * gammaincinv(freedom / 2, TUNED.quantile)  # importing scipy.stats takes half a second
-    return float(np.sqrt(np.quantile(left_over[usable], TUNED.quantile) / quantile_of_chi_square))
+    quantiles_of_chi_square = 2 * gammaincinv(freedom[usable] / 2, TUNED.quantile)  # scipy.stats takes 0.5 s to import
+    return float(np.sqrt(np.quantile(left_over[usable] / quantiles_of_chi_square, TUNED.quantile)))
 
 
 def blocks(picture: np.ndarray, size: int = BLOCK) -> np.ndarray:

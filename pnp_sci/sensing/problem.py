@@ -9,7 +9,7 @@ import numpy as np
 
 from pnp_sci._tuned import Tuned
 from pnp_sci._validate import finite_number, one_of, real_array, require_finite
-from pnp_sci.errors import InputError
+from pnp_sci.errors import InputError, InputTypeError
 from pnp_sci.sensing.noise import estimate_noise
 from pnp_sci.sensing.operator import SensingOperator, as_masks
 from pnp_sci.sensing.scene_model import SceneModel
@@ -46,6 +46,8 @@ class Problem:
         Standard deviation of the noise of `y`, in its units; an array if it differs between pixels.
     saturated : ndarray of bool, (H, W), optional
         Pixels in which y is only a lower bound of the light.
+    bad : ndarray of bool, (H, W), optional
+        Pixels in which nothing is known of the light: y and all masks are 0.
     """
 
     op: SensingOperator
@@ -53,32 +55,80 @@ class Problem:
     unit: float
     noise: float | np.ndarray
     saturated: np.ndarray | None = None
+    bad: np.ndarray | None = None
 
     @property
     def typical_noise(self) -> float:
-        """Root mean square of `noise` over pixels that are not saturated."""
+        """Root mean square of `noise` over pixels that are neither saturated nor bad."""
         noise = np.asarray(self.noise)
-        if noise.ndim and self.saturated is not None and not self.saturated.all():
-            noise = noise[~self.saturated]
+        left_out = [pixels for pixels in (self.saturated, self.bad) if pixels is not None]
+        if noise.ndim and left_out and not np.logical_or.reduce(left_out).all():
+            noise = noise[~np.logical_or.reduce(left_out)]
         return float(np.sqrt(np.mean(np.square(noise))))
 
 
-def check_measurement(y: Any) -> np.ndarray:
-    """Return y as an array (N, H, W) of native byte order.
+def check_measurement(y: Any, bad: np.ndarray | None = None) -> np.ndarray:
+    """Return y as an array (N, H, W) of native byte order, 0 in its masked values and in the `bad` pixels (N, H, W).
 
     Raises
     ------
     InputError, InputTypeError
         If y is not (H, W) or (N, H, W), is empty, or has values that are not finite real numbers.
     """
+    array = _pictures(np.ma.filled(y, 0) if isinstance(y, np.ma.MaskedArray) else y)
+    if bad is not None:
+        array = np.where(bad.reshape(array.shape), array.dtype.type(0), array)
+    hint = "; leave such pixels out by bad=, a picture (rows, columns) that is True there"
+    require_finite("y", array, hint)
+    if array.dtype == np.longdouble:
+        with np.errstate(over="ignore"):
+            require_finite("y", array.astype(np.float64), hint)
+    return array if array.ndim == 3 else array[None]
+
+
+def _pictures(y: Any) -> np.ndarray:
+    """y as an array (H, W) or (N, H, W)."""
     array = real_array("y", y)
     if array.ndim not in (2, 3) or array.size == 0:
         raise InputError(f"y has shape {array.shape}: (rows, columns) or (measurements, rows, columns) was expected")
-    require_finite("y", array)
-    if array.dtype == np.longdouble:
-        with np.errstate(over="ignore"):
-            require_finite("y", array.astype(np.float64))
-    return array if array.ndim == 3 else array[None]
+    return array
+
+
+def check_bad(bad: Any, y: Any) -> np.ndarray | None:
+    """The pixels of each measurement that are not used, bool (N, H, W): `bad` (H, W), and masked values of y.
+
+    None if there are none. "auto" stands for masked values only: the others are still to be found.
+
+    Raises
+    ------
+    InputError, InputTypeError
+        If `bad` is no picture of True and False as large as y, or no pixel is left.
+    """
+    if isinstance(bad, str):
+        one_of("bad", bad, ("auto",), " or a picture that is True in the bad pixels")
+    if (bad is None or isinstance(bad, str)) and not np.ma.is_masked(y):
+        return None
+    shape = _pictures(np.ma.getdata(y)).shape
+    shape = shape if len(shape) == 3 else (1, *shape)
+    unused = np.ma.getmaskarray(y).reshape(shape) if np.ma.is_masked(y) else None
+    if bad is not None and not isinstance(bad, str):
+        picture = real_array("bad", bad)
+        if picture.dtype.kind == "f":
+            raise InputTypeError(f"bad has dtype {picture.dtype}: True and False, or whole numbers, were expected")
+        if picture.shape != shape[1:]:
+            raise InputError(f"bad has shape {picture.shape}, but y has pictures of {shape[1:]}: the same was expected")
+        unused = picture.astype(bool) if unused is None else unused | picture.astype(bool)
+    if unused is None or not unused.any():
+        return None
+    unused = np.broadcast_to(unused, shape)
+    if unused.all((1, 2)).any():
+        raise InputError("bad has every pixel of y: some that are used were expected")
+    return unused
+
+
+def without(op: SensingOperator, bad: np.ndarray | None) -> SensingOperator:
+    """The operator that measures nothing in the bad pixels (H, W): its masks are 0 there."""
+    return op if bad is None else SensingOperator(op.masks * (~bad).astype(op.masks.dtype), op.dtype)
 
 
 def check_operator(masks: Any, y: np.ndarray) -> tuple[SensingOperator, float]:
@@ -105,18 +155,18 @@ def check_operator(masks: Any, y: np.ndarray) -> tuple[SensingOperator, float]:
     return SensingOperator(masks, dtype), largest
 
 
-def pose(op: SensingOperator, largest: float, y: np.ndarray, sensor: Sensor) -> Problem:
-    """The problem of one measurement y (H, W); `largest` is the divisor of the masks.
+def pose(op: SensingOperator, largest: float, y: np.ndarray, sensor: Sensor, bad: np.ndarray | None = None) -> Problem:
+    """The problem of one measurement y (H, W); `largest` is the divisor of the masks, which are 0 in `bad` pixels.
 
     Raises
     ------
     InputError
         If the video's unit overflows the operator's dtype.
     """
-    y = y.astype(np.float64)
+    y = y.astype(np.float64) if bad is None else np.where(bad, 0.0, y)
     saturated = sensor.saturated(y)
     height = float(np.abs(y).max()) or 1.0
-    sensor = measured(sensor, op, y)
+    sensor = measured(sensor, op, y, bad)
     sigma = np.minimum(sensor.deviation(y) / height, LOUDEST)
     y /= height
     unit = brightest(op, y, float(np.mean(sigma)))
@@ -127,7 +177,7 @@ def pose(op: SensingOperator, largest: float, y: np.ndarray, sensor: Sensor) -> 
             + ("; give y as float64" if op.dtype == np.float32 else "")
         )
     noise = sigma / unit
-    return Problem(op, (y / unit).astype(op.dtype), x_unit, noise if np.ndim(noise) else float(noise), saturated)
+    return Problem(op, (y / unit).astype(op.dtype), x_unit, noise if np.ndim(noise) else float(noise), saturated, bad)
 
 
 def brightest(op: SensingOperator, y: np.ndarray, noise: float) -> float:
@@ -153,13 +203,13 @@ def brightest(op: SensingOperator, y: np.ndarray, noise: float) -> float:
     return float(np.sqrt(energy / expected)) if energy > 0 and expected > 0 else 1.0
 
 
-def measured(sensor: Sensor, op: SensingOperator, y: np.ndarray) -> Sensor:
+def measured(sensor: Sensor, op: SensingOperator, y: np.ndarray, bad: np.ndarray | None = None) -> Sensor:
     """The sensor, with its read noise estimated from a measurement y (H, W) if it is "auto"."""
     if sensor.read_noise != "auto":
         return sensor
     y = y.astype(np.float64)
     height = float(np.abs(y).max()) or 1.0
-    estimate = height * estimate_noise(op, y / height, sensor.saturated(y))  # includes the rounding to grey levels
+    estimate = height * estimate_noise(op, y / height, sensor.saturated(y), bad)  # includes the rounding to grey levels
     rounding = sensor.step / np.sqrt(12)
     return replace(sensor, read_noise=float(np.sqrt(max(estimate - rounding, 0)) * np.sqrt(estimate + rounding)))
 

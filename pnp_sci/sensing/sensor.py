@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import logging
 from dataclasses import dataclass
 from typing import Any, Literal
 
@@ -11,12 +10,9 @@ import numpy as np
 from pnp_sci._validate import finite_number, whole
 from pnp_sci.errors import InputError
 
-CLIPPED, FEW = 1e-3, 16  # smallest fraction and number of pixels at the maximum of y that indicate saturation
 AROUND = 1.5  # pixels: standard deviation of the Gaussian mean that estimates the light of a pixel
 MANY = 1e9  # electrons per pixel from which photon noise is drawn from a normal distribution
 REACHED = 1e-6  # of the full scale: tolerance of the saturation test
-
-_log = logging.getLogger("pnp_sci")
 
 
 @dataclass(frozen=True, repr=False)
@@ -138,19 +134,3 @@ class Sensor:
             return None
         reached = y >= self.full_scale * (1 - REACHED) - self.step / 2
         return reached if reached.any() else None
-
-
-def warn_if_saturated(noise: Any, measurements: np.ndarray) -> None:
-    """Log a warning if one of the measurements (N, H, W) looks saturated and `noise` is not a Sensor."""
-    if not isinstance(noise, Sensor) and any(map(looks_saturated, measurements)):
-        _log.warning(
-            "y has many pixels at exactly its largest value: if the camera was saturated there, use "
-            "noise=pnp_sci.Sensor(full_scale=...)"
-        )
-
-
-def looks_saturated(y: np.ndarray) -> bool:
-    """Whether at least 0.1 % of the pixels of y (H, W) have its largest value, more than lie within 2 % below it."""
-    highest = y.max()
-    there, near = np.count_nonzero(y == highest), np.count_nonzero(y >= 0.98 * highest)
-    return bool(highest > 0 and there >= max(CLIPPED * y.size, FEW) and near < 2 * there < y.size)

@@ -11,6 +11,7 @@ from pnp_sci._validate import finite_number, require_finite
 from pnp_sci.errors import InputError
 from pnp_sci.io import read_video
 from pnp_sci.sensing.operator import SensingOperator
+from pnp_sci.sensing.problem import check_bad
 from pnp_sci.sensing.sensor import Sensor
 
 
@@ -21,6 +22,7 @@ def simulate(
     seed: int = 0,
     bits: int | None = None,
     peak: float | None = None,
+    bad: Any = None,
 ) -> np.ndarray:
     """Simulate the measurement of a video through masks, with noise and quantisation.
 
@@ -42,6 +44,8 @@ def simulate(
     peak : float, optional
         Full scale of the camera, in units of the measurement, > 0. By default the largest value of the noise-free
         measurement. Not beside a Sensor.
+    bad : array_like of bool, (H, W), optional
+        Dead pixels, which read 0. For hot ones, assign their values to the result.
 
     Returns
     -------
@@ -74,8 +78,10 @@ def simulate(
         raise InputError(f"video has shape {x.shape}, but masks {op.shape}: the same was expected")
     require_finite("video", x)
     y = op.forward(x)
-    if isinstance(noise, Sensor):
-        return noise.expose(y, seed)
-    highest = float(y.max()) if peak is None else peak
-    levels = (highest, bits) if bits is not None and highest > 0 else (None, None)
-    return Sensor(abs(noise * highest), 0.0, *levels).expose(y, seed)
+    dead = check_bad(bad, y)
+    if not isinstance(noise, Sensor):
+        highest = float(y.max()) if peak is None else peak
+        levels = (highest, bits) if bits is not None and highest > 0 else (None, None)
+        noise = Sensor(abs(noise * highest), 0.0, *levels)
+    y = noise.expose(y, seed)
+    return y if dead is None else np.where(dead[0], y.dtype.type(0), y)

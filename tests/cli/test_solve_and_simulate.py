@@ -47,6 +47,7 @@ def test_solve_hands_on_every_option(monkeypatch, meas):
     assert received == {
         "prior": [("tv", 6), ("wavelet", 2)],
         "algorithm": "admm",
+        "bad": None,
         "init": "zeros",
         "effort": "fast",
         "iterations": 8,

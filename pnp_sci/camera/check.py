@@ -1,0 +1,229 @@
+"""Does a measurement fit its masks? Asked before anything is solved."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+
+from pnp_sci.camera.code import Code
+from pnp_sci.camera.fit import Finding, Fit
+from pnp_sci.camera.frame_order import frame_order as order_of_frames
+from pnp_sci.camera.outliers import expected, outliers
+from pnp_sci.camera.pile import pile
+from pnp_sci.camera.verdict import judge_code, shift_of, told
+from pnp_sci.sensing.operator import SensingOperator
+from pnp_sci.sensing.problem import check_bad, check_measurement, check_noise, check_operator
+from pnp_sci.sensing.sensor import Sensor
+
+MOST = 0.9  # of the pixels of a pile: if so many are known to be saturated, the full scale is right
+BEYOND = 1.5  # of the full scale: values that are larger have other units
+HARMFUL = {"hot": 1e-2, "dead": 2e-3}  # of the energy of y: outliers of that much are worth a warning
+
+
+def check_fit(y: Any, masks: Any, *, noise: Any = "auto", bad: Any = None, frame_order: bool = False) -> Any:
+    """Check whether a measurement and its masks belong together, in some milliseconds.
+
+    Parameters
+    ----------
+    y : array_like, (H, W) or (N, H, W)
+        The measurement, in any unit, or N of them.
+    masks : array_like, (V, B, H, W) or (B, H, W), or SensingOperator
+    noise : "auto", float or Sensor
+        A :class:`~pnp_sci.Sensor` says where the camera is saturated.
+    bad : array_like of bool, (H, W), optional
+        Pixels that are not used. Masked values of a NumPy masked array y are bad, too.
+    frame_order : bool
+        Whether to look also if the frames of the masks are in the order of time. It takes seconds, and needs several
+        successive measurements: a single one is explained by reversed masks as well, by a film that runs backwards.
+
+    Returns
+    -------
+    Fit, or list of Fit
+        One for each of N measurements.
+
+    Raises
+    ------
+    InputError, InputTypeError
+        If an argument cannot be used.
+
+    Notes
+    -----
+    The sum of a view's masks varies from pixel to pixel by the coding pattern only, which no scene follows. The part of
+    y that follows this pattern therefore belongs to the masks. Its amount, its position and its sign tell whether they
+    fit; standard errors come from the spread over blocks of pixels.
+
+    Examples
+    --------
+    >>> import pnp_sci
+    >>> scene = pnp_sci.datasets.embedded_scene(64)
+    >>> pnp_sci.check_fit(scene.y, scene.masks).ok
+    True
+    >>> print(pnp_sci.check_fit(scene.y, scene.masks[:, :, ::-1]).warnings[0])
+    y does not follow the masks, but it follows them upside down: give the masks so
+    """
+    bad = check_bad(bad, y)
+    measurements = check_measurement(y, bad)
+    op, _ = check_operator(masks, measurements)
+    fits = check_all(op, measurements, check_noise(noise), bad)
+    if frame_order:
+        order = order_of_frames(op, measurements, check_noise(noise))
+        fits = [_with_order(fit, order) for fit in fits]
+    return fits if np.ndim(y) == 3 else fits[0]
+
+
+def check_all(
+    op: SensingOperator, measurements: np.ndarray, sensor: Sensor, bad: np.ndarray | None, warn_of_bad: bool = True
+) -> list[Fit]:
+    """How each of the measurements (N, H, W) fits the masks; `bad` is (N, H, W) or None."""
+    masks = Masks(op)
+    fits = [masks.fit(y, sensor, None if bad is None else bad[n], warn_of_bad) for n, y in enumerate(measurements)]
+    lit = np.asarray(measurements.any((1, 2)))
+    if not lit.all() and lit.any():
+        lost = Finding("missing", "y is 0 everywhere, other measurements are not", "its file may be incomplete")
+        fits = [fit if on else replace(fit, findings=(*fit.findings, lost)) for fit, on in zip(fits, lit)]
+    return fits
+
+
+def _with_order(fit: Fit, order: str) -> Fit:
+    """The fit, with what is known of the order of the frames."""
+    backwards = Finding("frame order", "successive measurements run backwards", "reverse the frames: masks[:, ::-1]")
+    return replace(fit, frame_order=order, findings=fit.findings + (backwards,) * (order == "reversed"))
+
+
+class Masks:
+    """What all measurements through the same masks share."""
+
+    def __init__(self, op: SensingOperator):
+        masks = op.masks
+        self.sums = masks.sum(1, dtype=np.float32)
+        self.signed = masks.dtype != np.uint8 and bool(masks.min() < 0)
+        self.weight = np.abs(masks).sum((0, 1), dtype=np.float32) if self.signed else self.sums.sum(0)
+        self.code = Code(self.sums)
+        self.missing = _missing(np.asarray(masks.any((2, 3))))
+
+    def fit(self, y: np.ndarray, sensor: Sensor, bad: np.ndarray | None, warn_of_bad: bool) -> Fit:
+        """How y (H, W) fits; `bad` pixels (H, W) must be 0 in it."""
+        height = float(np.abs(y).max())
+        nothing = np.zeros(y.shape, bool)
+        if height == 0:
+            return Fit(None, None, 0.0, nothing, nothing, self.missing, "y is 0 everywhere")
+        scaled = (y / height).astype(np.float32)
+        good = np.ones(y.shape, bool) if bad is None else ~bad
+        hot, dead = self._outliers(scaled, good)
+        findings = [*self.missing, *(_unlike(scaled, self.weight, hot, dead, good) if warn_of_bad else ())]
+        good &= ~hot & ~dead
+        saturated = sensor.saturated(y)
+        heap = pile(scaled[good], self.weight[good]) if good.any() else None
+        findings += _beyond(float(y[good].max(initial=0)), sensor)
+        if heap is not None:
+            findings += _saturation(y, heap[0] * height, heap[1] * height, sensor, saturated)
+        clipped = nothing if saturated is None else saturated
+        clipped = clipped if heap is None else clipped | (scaled >= heap[0])
+        return self._by_code(scaled * good, good, clipped, height, findings, hot, dead, heap)
+
+    def _outliers(self, y: np.ndarray, good: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """Hot and dead pixels; where views differ in brightness, each weighs as it is bright."""
+        hot, dead = outliers(y, self.weight, good)
+        if len(self.sums) == 1 or self.signed or not (hot.any() or dead.any()):
+            return hot, dead
+        code = Code(self.sums, good & ~hot & ~dead)
+        if not code.present:
+            return hot, dead
+        levels = np.maximum(code.match(y * code.good).level.value, 0)
+        return outliers(y, np.einsum("v,vhw->hw", levels.astype(np.float32), self.sums), good)
+
+    def _by_code(self, y, good, clipped, height, findings, hot, dead, heap) -> Fit:
+        """The fit, with what the code says; a pile would weaken it, so that its blocks are left out."""
+        code = self.code
+        if clipped.any() or not good.all():
+            code = Code(self.sums, good & ~code.around(clipped))
+            if clipped.any() and code.blocks.sum() < self.code.blocks.sum() / 4:
+                code = Code(self.sums, good & ~clipped)
+        full_scale = None if heap is None else heap[0] * height
+        if not code.present or clipped.mean() > 0.5:
+            return Fit(None, None, 0.0, hot, dead, tuple(findings), _why(self.code), full_scale=full_scale)
+        match = code.match(y)
+        found = judge_code(code, y, match)
+        if (clipped & (code.used > 0)).any():
+            found = [f for f in found if f.kind not in LEVELS]
+        if any(f.kind in OTHERS for f in found):  # what such masks allow says nothing of single pixels
+            findings = [f for f in findings if f.kind not in ("hot", "dead")]
+        black = next(
+            ((1 - match.follows) * height * float(y[good].mean()) for f in found if f.kind == "black level"), None
+        )
+        return Fit(
+            match.follows if match.error < np.inf else None,
+            match.error if match.error < np.inf else None,
+            match.share,
+            hot,
+            dead,
+            (*findings, *found),
+            "" if told(match) or found else "noise and texture hide the code of the masks",
+            shift_of(match),
+            black,
+            full_scale,
+        )
+
+
+OTHERS = {"arrangement", "inverted", "no code"}  # findings of masks that are not those of the measurement
+LEVELS = {"black level", "contrast", "sharpness"}  # findings that saturation feigns
+
+
+def _why(code: Code) -> str:
+    if not code.present:
+        return "the sums of each view's masks do not vary from pixel to pixel, or the picture is too small"
+    return "too many pixels are bad or saturated"
+
+
+def _missing(present: np.ndarray) -> tuple[Finding, ...]:
+    """The findings of masks of which some frames are all 0; `present` is (V, B)."""
+    if present.all() or not present.any():
+        return ()
+    lost = "; ".join(
+        f"view {v + 1}, frame{'s' * (len(b) > 1)} {', '.join(str(i + 1) for i in b)}"
+        for v, b in ((v, np.flatnonzero(~row)) for v, row in enumerate(present))
+        if len(b)
+    )
+    return (Finding("missing", f"masks are all 0 in {lost}", "parts of their file may be missing"),)
+
+
+def _unlike(y, weight, hot, dead, good) -> list[Finding]:
+    """The findings of hot and dead pixels, if they are more than a certain part of the energy of y."""
+    if not (hot.any() or dead.any()):
+        return []
+    others = good & ~hot & ~dead
+    level = expected(y, weight, others)
+    light = float(np.sum(np.square(y), where=others))
+    hint = 'bad="auto" leaves them out, or bad= a picture of the bad pixels'
+    found = []
+    for kind, where, how in (("hot", hot, "much brighter"), ("dead", dead, "much darker")):
+        if float(np.sum(np.square(y - level), where=where)) > HARMFUL[kind] * light:
+            count = int(where.sum())
+            text = f"{count} pixel{'s are' if count > 1 else ' is'} {how} than masks and neighbours allow"
+            found.append(Finding(kind, text, hint))
+    return found
+
+
+def _beyond(top: float, sensor: Sensor) -> list[Finding]:
+    """The finding of values far above the full scale; a dark frame that was subtracted may leave them a bit above."""
+    if sensor.full_scale is None or top <= BEYOND * sensor.full_scale:
+        return []
+    hint = "give full_scale in the units of y"
+    return [Finding("saturation", f"y reaches {top:.7g}, but the full scale is {sensor.full_scale:.7g}", hint)]
+
+
+def _saturation(y, low, top, sensor, saturated) -> list[Finding]:
+    """The finding of a pile from `low` to `top` that the sensor does not take for saturated."""
+    there = y >= low
+    if saturated is not None and np.count_nonzero(saturated & there) >= MOST * np.count_nonzero(there):
+        return []
+    where = (
+        f"at exactly its largest value, {top:.7g}"
+        if low == top
+        else f"near its largest value, from {low:.7g} to {top:.7g}"
+    )
+    stated = "" if sensor.full_scale is None else f", not {sensor.full_scale:.7g}"
+    hint = f"if the camera was saturated there, use noise=pnp_sci.Sensor(full_scale={low:.7g}){stated}"
+    return [Finding("saturation", f"y has many pixels {where}", hint)]

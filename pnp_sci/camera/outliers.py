@@ -1,0 +1,121 @@
+"""Pixels of the sensor that do not follow the light: hot and dead ones."""
+
+from __future__ import annotations
+
+import numpy as np
+
+WIDTH = 2.0  # pixels: standard deviation of the Gaussian mean that a pixel is first compared with
+NEIGHBOURS = 12  # that measure anything: the window around a pixel holds so many on average
+TAIL = 0.02  # part of the pixels, those that stand out most, from which the tail of a distribution is extrapolated
+FEWEST = 50  # pixels in the tail, at least
+PASSES = 4
+LEAST = 1.5  # ratio to neighbours within two pixels, more for others: smaller ones harm no more than texture does
+BY_CHANCE = 0.01  # good pixels of a picture that are taken for outliers, on average
+
+
+def outliers(y: np.ndarray, weight: np.ndarray, good: np.ndarray | None = None) -> tuple[np.ndarray, np.ndarray]:
+    """Hot and dead pixels of y (H, W), bool; `weight` is the sum of the magnitudes of all masks.
+
+    A pixel measures a mean of its frames: y over the weight. It is compared with the second largest (for dead pixels
+    the second smallest) of those of its 24 neighbours: small highlights are in several pixels, and two bad pixels may
+    be neighbours. The logarithm of the ratio has an exponential tail on natural scenes. Where it begins and how it
+    falls are estimated from the 2 % of the pixels that stand out most, and a pixel is an outlier beyond the point
+    that one picture in a hundred exceeds.
+
+    Examples
+    --------
+    >>> import pnp_sci
+    >>> scene = pnp_sci.datasets.embedded_scene(64)
+    >>> y = scene.y.copy()
+    >>> y[20, 30], y[40, 50] = 10 * y.max(), 0
+    >>> hot, dead = outliers(y, scene.masks.sum((0, 1)).astype(float))
+    >>> np.argwhere(hot).tolist(), np.argwhere(dead).tolist()
+    ([[20, 30]], [[40, 50]])
+    """
+    usable = np.ones(y.shape, bool) if good is None else good
+    hot, dead = np.zeros(y.shape, bool), np.zeros(y.shape, bool)
+    for _ in range(PASSES):  # what is found no longer hides others, and no longer is part of the tail
+        left = usable & ~hot & ~dead
+        new_hot, new_dead = _beyond(y, weight, left, 1), _beyond(y, weight, left, -1)
+        hot, dead = hot | new_hot, dead | new_dead
+        if not (new_hot.any() or new_dead.any()):
+            break
+    return hot, dead | _zero(y, weight, usable & ~hot & ~dead)
+
+
+def _beyond(y: np.ndarray, weight: np.ndarray, usable: np.ndarray, sign: int) -> np.ndarray:
+    """Usable pixels that are brighter (sign 1) or darker (-1) than the tail of the others allows."""
+    beyond = np.zeros(y.shape, bool)
+    count = tail_size(y.size)
+    if usable.sum() < 4 * count:
+        return beyond
+    seen = usable & (weight > 0)
+    floor, reach = _floor(y[seen if seen.any() else usable]), _reach(seen)
+    rows, columns = _standing_out(y, weight, usable, floor, sign, 2 * count)
+    mean = np.where(seen, sign * y / np.where(seen, weight, 1), -np.inf)
+    around = np.partition(_neighbours(mean, rows, columns, reach), -2, 0)[-2]
+    theirs = np.where(np.isfinite(around), sign * around, 0) * weight[rows, columns]
+    ratio = np.maximum(y[rows, columns] + floor, 0) / np.maximum(theirs + floor, 1e-6 * floor)
+    out = np.log(np.maximum(ratio, 1e-6)) if sign > 0 else 1 - ratio
+    chosen = out > max(beyond_tail(out, count), np.log(LEAST * reach / 2))
+    beyond[rows[chosen], columns[chosen]] = True
+    return beyond
+
+
+def tail_size(pixels: int) -> int:
+    """How many of so many pixels are the tail of a distribution."""
+    return max(int(TAIL * pixels), FEWEST)
+
+
+def beyond_tail(values: np.ndarray, count: int, by_chance: float = BY_CHANCE) -> float:
+    """The value that so many exceed by chance, if the tail, the largest `count` values, is exponential."""
+    tail = np.sort(values, None)[-count:]
+    fall = (np.quantile(tail, 0.25) - tail[0]) / np.log(4 / 3)  # the quartile, as outliers are above it
+    return float(tail[0] + fall * np.log(count / by_chance))
+
+
+def _zero(y: np.ndarray, weight: np.ndarray, usable: np.ndarray) -> np.ndarray:
+    """Usable pixels that are exactly 0 where more is expected than in any other pixel that is about as dark."""
+    usable = usable & (weight > 0)
+    others = usable & (y != 0)
+    zero = usable & (y == 0)
+    if not zero.any() or not others.any() or np.mean(y[others] < 0) > 0.1:  # about 0, it is a value like others
+        return np.zeros(y.shape, bool)
+    light, size = expected(y, weight, others), np.abs(y)
+    dark = others & (size <= np.quantile(size[others], TAIL / 2))
+    return zero & (light > light[dark].max() * _reach(usable) / 2)
+
+
+def expected(y: np.ndarray, weight: np.ndarray, usable: np.ndarray) -> np.ndarray:
+    """What each pixel measures if the light is as around it, from the usable pixels."""
+    from scipy.ndimage import gaussian_filter
+
+    light, below = (gaussian_filter(a * usable, WIDTH, mode="nearest") for a in (np.abs(y), weight))
+    return weight * np.divide(light, below, out=np.zeros_like(light), where=below > 0)
+
+
+def _floor(y: np.ndarray) -> float:
+    """A level below which ratios are noise: half of the median, or more if the noise makes values negative."""
+    return max(
+        float(np.median(np.abs(y))) / 2, -3 * float(np.quantile(y, 0.001)), 1e-3 * float(np.mean(np.abs(y))), 1e-30
+    )
+
+
+def _standing_out(y, weight, usable, floor, sign, count) -> tuple[np.ndarray, np.ndarray]:
+    """Rows and columns of the pixels that stand out most from the Gaussian mean around them."""
+    around = expected(y, weight, usable)
+    ratio = np.where(usable, sign * np.log(np.maximum(y + floor, 1e-6 * floor) / (around + floor)), -np.inf)
+    most = np.argpartition(ratio, -count, None)[-count:]
+    return np.unravel_index(most, y.shape)  # type: ignore[return-value]
+
+
+def _reach(seen: np.ndarray) -> int:
+    """Pixels either way in which a pixel is compared with others; `seen` are those that measure anything."""
+    return int(np.clip(np.ceil((np.sqrt(1 + NEIGHBOURS / max(float(seen.mean()), 1e-3)) - 1) / 2), 2, 8))
+
+
+def _neighbours(picture: np.ndarray, rows: np.ndarray, columns: np.ndarray, reach: int) -> np.ndarray:
+    """The neighbours of each of the pixels, (neighbours, pixels), 24 for a reach of 2; minus infinity outside."""
+    padded = np.pad(picture, reach, constant_values=-np.inf)
+    steps = range(2 * reach + 1)
+    return np.stack([padded[rows + i, columns + j] for i in steps for j in steps if (i, j) != (reach, reach)])

@@ -1,0 +1,97 @@
+"""What the code of the masks, as it is found in a measurement, says of them."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from pnp_sci.camera.code import Code, Match
+from pnp_sci.camera.fit import Finding
+from pnp_sci.camera.search import search
+
+SURELY = 5.0  # standard errors: beyond chance in any one of some dozen tests, also with few blocks
+LIKELY = 3.0  # standard errors, beside a limit that already allows for errors of a calibration
+MATERIAL = 0.05  # of what the masks explain: a better position explains that much beside
+TELLS = 0.2  # standard error of the light that follows the code, from which on it tells nothing
+HALF = 0.5  # of the light: where less follows the code, the masks are others
+FIFTH = 0.2  # of the light: masks of which so much is followed are the right ones, of which less are not
+TENTH = 0.1  # of the light: calibrated masks of real cameras miss half of that
+
+REGISTER = "pnp_sci.register(y, masks) estimates it, solve(..., register=True) corrects it"
+
+
+def told(match: Match) -> bool:
+    """Whether the measurement tells if the masks fit."""
+    return match.error < TELLS or match.level.errors > SURELY
+
+
+def shift_of(match: Match) -> tuple[float, float] | None:
+    """By how many pixels the masks must be moved; None if they are where they belong."""
+    if match.lag.errors > SURELY and match.lag.gain > MATERIAL:
+        return match.lag.value  # type: ignore[return-value]
+    if match.off.errors > SURELY and match.off.gain > MATERIAL:
+        return match.off.value  # type: ignore[return-value]
+    return None
+
+
+def judge_code(code: Code, y: np.ndarray, match: Match) -> list[Finding]:
+    """What is wrong with masks or measurement y (H, W): one finding at most, as each hides those that follow."""
+    if (shift := shift_of(match)) is not None:
+        whole = all(isinstance(s, int) for s in shift)
+        size = "({}, {})".format(*shift) if whole else "({:.1f}, {:.1f})".format(*np.clip(shift, -1, 1))
+        text = f"masks moved by about {size} pixels, in rows and columns, explain more of y"
+        return [Finding("shift", text, REGISTER)]
+    if match.error >= TELLS:
+        negative = match.level.errors > SURELY and max(match.level.value, key=abs) < 0
+        return (
+            [_inverted()] if negative else [] if match.level.errors > SURELY else _others(code, y, match, certain=False)
+        )
+    if match.follows + SURELY * match.error < 0 and match.share > MATERIAL:
+        return [_inverted()]
+    if match.follows + LIKELY * match.error < HALF:
+        return _others(code, y, match, certain=True)
+    low = match.follows + LIKELY * match.error < 1 - TENTH
+    high = match.follows - LIKELY * match.error > 1 + TENTH
+    if (low or high) and match.blur.errors > SURELY and abs(match.blur.gain) > MATERIAL:
+        return [_sharpness(match)]
+    return [_black(match)] if low else [_contrast(match)] if high else []
+
+
+def _others(code: Code, y: np.ndarray, match: Match, certain: bool) -> list[Finding]:
+    """Masks that y does not follow: those that it does, or why there may be none."""
+    found = search(code, y)
+    if found is not None:
+        moved = "" if found.shift == (0, 0) else ", moved by ({}, {}) pixels".format(*found.shift)
+        text = f"y does not follow the masks, but it follows them {found.name}{moved}"
+        how = "give the masks so" + (", and 1 - masks" if found.inverted else "")
+        return [Finding("shift" if found.name == "as they are" else "arrangement", text, how)]
+    if not certain:
+        return []
+    if match.follows > max(SURELY * match.error, FIFTH):
+        return [_black(match)]
+    if match.contrast < HALF:
+        text = "y has less fine detail than such masks leave"
+        return [Finding("no code", text, "it seems to be divided by the sum of masks or averaged; give it as recorded")]
+    text = f"y does not follow the masks ({match.follows:.2f} of its light does)"
+    hint = "they may be those of another setup, or y may be divided by their sum; check files, date and crop"
+    return [Finding("no code", text, hint)]
+
+
+def _inverted() -> Finding:
+    return Finding("inverted", "y is dark where the masks are open", "masks or y are inverted; try 1 - masks")
+
+
+def _sharpness(match: Match) -> Finding:
+    than = "less" if match.blur.value[0] > 0 else "more"
+    hint = "focus of the calibration and of the capture may differ; calibrate the masks as y is recorded"
+    return Finding("sharpness", f"the code in y is {than} sharp than the masks", hint)
+
+
+def _black(match: Match) -> Finding:
+    text = f"{1 - match.follows:.0%} of the light in y does not follow the masks"
+    return Finding("black level", text, "subtract the black level of the camera, or stray light, from y")
+
+
+def _contrast(match: Match) -> Finding:
+    text = f"the code in y is {match.follows:.2f} times as strong as the masks say"
+    hint = "too much may have been subtracted from y, or the masks' own black level has not been subtracted"
+    return Finding("contrast", text, hint)

@@ -1,0 +1,107 @@
+"""Measurements and masks as the user gave them: checked, compared with each other, and posed as problems."""
+
+from __future__ import annotations
+
+import logging
+from collections.abc import Iterator
+from contextlib import contextmanager
+from contextvars import ContextVar
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from pnp_sci.camera.check import check_all
+from pnp_sci.camera.fit import Fit
+from pnp_sci.camera.residual import unexplained
+from pnp_sci.sensing.operator import SensingOperator
+from pnp_sci.sensing.problem import Problem, check_bad, check_measurement, check_operator, pose, without
+from pnp_sci.sensing.sensor import Sensor
+
+PASSES = 3  # of quick estimates in which bad pixels are looked for
+_log = logging.getLogger("pnp_sci")
+_told: ContextVar[bool] = ContextVar("told", default=False)
+
+
+@dataclass(frozen=True, eq=False)
+class Input:
+    """N measurements through the same masks.
+
+    Attributes
+    ----------
+    measurements : ndarray, (N, H, W)
+        0 in the bad pixels.
+    bad : ndarray of bool, (N, H, W), or None
+        Pixels that are not used.
+    find_bad : bool
+        Whether those that the check finds are not used either.
+    op : SensingOperator
+    largest : float
+        What the masks were divided by.
+    """
+
+    measurements: np.ndarray
+    bad: np.ndarray | None
+    find_bad: bool
+    op: SensingOperator
+    largest: float
+
+    @classmethod
+    def of(cls, y: Any, masks: Any, bad: Any) -> Input:
+        """The arguments of :func:`pnp_sci.solve`; errors name them."""
+        unused = check_bad(bad, y)
+        measurements = check_measurement(y, unused)
+        return cls(measurements, unused, isinstance(bad, str), *check_operator(masks, measurements))
+
+    def problems(self, sensor: Sensor, fits: list[Fit]) -> Iterator[Problem]:
+        """Each measurement posed as a problem, without its bad pixels."""
+        op: SensingOperator = self.op
+        of_op: np.ndarray | None = None
+        for n, (y, fit) in enumerate(zip(self.measurements, fits)):
+            bad = None if self.bad is None else self.bad[n]
+            if self.find_bad and fit.bad.any():
+                bad = fit.bad if bad is None else bad | fit.bad
+            if bad is None:
+                op, of_op = self.op, None
+            elif of_op is None or not np.array_equal(bad, of_op):
+                op, of_op = without(self.op, bad), bad
+            problem = pose(op, self.largest, y, sensor, bad)
+            for _ in range(PASSES if self.find_bad else 0):  # what is left out no longer misleads the estimate
+                if not (faint := unexplained(problem)).any():
+                    break
+                bad = faint if bad is None else bad | faint
+                problem = pose(without(self.op, bad), self.largest, y, sensor, bad)
+            yield problem
+
+    @staticmethod
+    def found(scene: dict[str, Any], fit: Fit) -> dict[str, Any]:
+        """What was found of a scene, with how its measurement fits."""
+        return scene | {"fit": fit.describe(), "remarks": [*scene["remarks"], *fit.warnings]}
+
+    def check(self, sensor: Sensor) -> list[Fit]:
+        """How each measurement fits the masks; what is wrong is logged."""
+        fits = check_all(self.op, self.measurements, sensor, self.bad, warn_of_bad=not self.find_bad)
+        if not _told.get():
+            for text, numbers in _by_warning(fits).items():
+                several = f"measurement{'s' * (len(numbers) > 1)} {', '.join(map(str, numbers))}: "
+                _log.warning("%s%s", several if len(fits) > 1 else "", text)
+        return fits
+
+
+@contextmanager
+def told() -> Iterator[None]:
+    """What is wrong with a measurement has been logged already: it is not repeated."""
+    token = _told.set(True)
+    try:
+        yield
+    finally:
+        _told.reset(token)
+
+
+def _by_warning(fits: list[Fit]) -> dict[str, list[int]]:
+    """Each kind of warning, as the first measurement has it, with the numbers of all that have it."""
+    texts: dict[str, tuple[str, list[int]]] = {}
+    for n, fit in enumerate(fits, 1):
+        for finding in fit.findings:
+            texts.setdefault(finding.kind, (str(finding), []))[1].append(n)
+    return dict(texts.values())

@@ -1,0 +1,198 @@
+"""Masks that do not fit are noticed, and those that fit raise no alarm."""
+
+import json
+import logging
+
+import numpy as np
+import pytest
+from scipy.ndimage import shift
+
+import pnp_sci
+from pnp_sci import SensingOperator, check_fit, datasets, moving_masks, random_masks, simulate
+
+
+@pytest.fixture(scope="module")
+def scene():
+    return datasets.embedded_scene(128)
+
+
+def kinds(y, masks, **options):
+    return [finding.kind for finding in check_fit(y, masks, **options).findings]
+
+
+def made(masks, scene):
+    """The film of the scene, for masks (V, B, H, W) of any number of views and frames."""
+    views, frames, rows, columns = masks.shape
+    film = np.concatenate([scene.truth, scene.truth[:, ::-1]], 1)
+    return np.stack([film[v % 2, :frames, :rows, :columns] for v in range(views)])
+
+
+SHAPES = [(1, 1, 128, 128), (1, 8, 128, 128), (2, 10, 128, 128), (3, 5, 100, 90), (1, 20, 64, 64), (1, 8, 32, 32)]
+
+
+@pytest.mark.parametrize("shape", SHAPES)
+@pytest.mark.parametrize("noise", [0, 0.01, 0.1])
+@pytest.mark.parametrize("density", [0.1, 0.5, 0.9])
+@pytest.mark.parametrize("make", [random_masks, moving_masks])
+def test_right_masks_raise_no_alarm(scene, shape, noise, density, make):
+    masks = make(shape, density, seed=5)
+    assert kinds(simulate(made(masks, scene), masks, noise, seed=1), masks) == []
+
+
+@pytest.mark.parametrize("signed", [False, True])
+def test_grey_and_negative_masks_raise_no_alarm(scene, signed):
+    masks = np.random.default_rng(0).uniform(-1.0 if signed else 0.2, 1, (2, 8, 128, 128))
+    assert kinds(simulate(made(masks, scene), masks, 0.01), masks) == []
+
+
+WRONG = {
+    "half a pixel off": (lambda m: shift(m, (0, 0, 0.5, 0.5), order=1, mode="nearest"), {"shift"}),
+    "a pixel off": (lambda m: np.roll(m, (1, 1), (2, 3)), {"shift"}),
+    "far off": (lambda m: np.roll(m, (30, -17), (2, 3)), {"shift"}),
+    "upside down": (lambda m: m[:, :, ::-1], {"arrangement"}),
+    "left to right": (lambda m: m[..., ::-1], {"arrangement"}),
+    "turned": (lambda m: np.rot90(m, 1, (2, 3)), {"arrangement"}),
+    "transposed": (lambda m: m.swapaxes(2, 3), {"arrangement"}),
+    "of another setup": (lambda m: random_masks(m.shape, seed=9), {"no code"}),
+    "inverted": (lambda m: 1 - m, {"inverted"}),
+}
+
+
+@pytest.mark.parametrize("name", WRONG)
+@pytest.mark.parametrize("noise", [0, 0.1])
+@pytest.mark.parametrize("make", [random_masks, moving_masks])
+@pytest.mark.parametrize("views", [1, 2])
+def test_wrong_masks_are_noticed(scene, name, noise, make, views):
+    change, expected = WRONG[name]
+    masks = make((views, 10, 128, 128), seed=3).astype("f4")
+    y = simulate(scene.truth[:views], masks, noise, seed=1)
+    assert set(kinds(y, change(masks))) == expected
+
+
+@pytest.mark.parametrize("noise", [0, 0.1])
+def test_a_mask_that_moved_by_a_fraction_of_a_pixel_is_noticed(scene, noise):
+    masks = random_masks((1, 10, 128, 128), seed=3).astype("f4")
+    y = 1.02 * simulate(scene.truth[:1], shift(masks, (0, 0, 0.5, 0.3), order=1, mode="nearest"), noise) + 0.002
+    fit = check_fit(y, masks)
+    assert [finding.kind for finding in fit.findings] == ["shift"]
+    assert "register" in fit.warnings[0]
+    rows, columns = fit.shift
+    assert rows > columns > 0
+
+
+def test_shifts_point_to_where_the_masks_belong(scene):
+    masks = random_masks((1, 10, 128, 128), seed=3)
+    y = simulate(scene.truth[:1], masks)
+    assert check_fit(y, np.roll(masks, (2, -3), (2, 3))).shift == (-2, 3)
+    assert "upside down, moved by" in check_fit(y, np.roll(masks[:, :, ::-1], 2, 2)).warnings[0]
+
+
+@pytest.mark.parametrize("noise", [0, 0.03])
+def test_a_measurement_divided_by_the_sum_of_masks_is_noticed(scene, noise):
+    total = scene.masks.sum((0, 1))
+    y = simulate(scene.truth, scene.masks, noise) / np.maximum(total, 1)
+    assert kinds(y, scene.masks) == ["no code"]
+
+
+@pytest.mark.parametrize("part", [0.2, 0.5, -0.2])
+@pytest.mark.parametrize("density", [0.3, 0.7])
+def test_the_black_level_is_measured(scene, part, density):
+    masks = random_masks((2, 10, 128, 128), density, seed=4)
+    clean = simulate(scene.truth, masks, 0.01)
+    offset = part * float(clean.mean())
+    fit = check_fit(clean + offset, masks)
+    assert [finding.kind for finding in fit.findings] == ["black level" if part > 0 else "contrast"]
+    assert (1 - fit.follows) * float(np.mean(clean + offset)) == pytest.approx(offset, abs=0.06 * float(clean.mean()))
+    assert part < 0 or fit.black_level == pytest.approx(offset, abs=0.06 * float(clean.mean()))
+
+
+def test_follows_is_unbiased_within_its_standard_error(scene):
+    """Over many masks the deviation from 1 is as large as the standard error says, or smaller."""
+    fits = []
+    for seed in range(30):
+        masks = random_masks((1, 8, 96, 96), seed=seed)
+        fits.append(check_fit(simulate(made(masks, scene), masks, 0.05, seed), masks))
+    deviations = np.array([(fit.follows - 1) / fit.error for fit in fits])
+    assert abs(deviations.mean()) < 3 / np.sqrt(30)
+    assert np.abs(deviations).max() < 4
+
+
+def test_what_cannot_be_told_is_said(scene):
+    half = random_masks((1, 1, 128, 128))
+    constant = np.concatenate([half, ~half], 1)
+    fit = check_fit(simulate(scene.truth[:1, :2], constant), constant)
+    assert fit.ok
+    assert fit.follows is None
+    assert "sums" in fit.unknown
+    assert "cannot be told" in str(fit)
+    dark = check_fit(np.zeros((128, 128)), scene.masks)
+    assert dark.ok
+    assert dark.unknown == "y is 0 everywhere"
+
+
+def test_missing_planes_and_measurements_are_noticed(scene):
+    masks = scene.masks.copy()
+    masks[0, 5:] = 0
+    fit = check_fit(scene.y, masks)
+    assert fit.findings[0].kind == "missing"
+    assert "view 1, frames 6, 7, 8, 9, 10" in fit.warnings[0]
+    fits = check_fit(np.stack([scene.y, 0 * scene.y]), scene.masks)
+    assert [[finding.kind for finding in fit.findings] for fit in fits] == [[], ["missing"]]
+
+
+def test_the_order_of_frames_is_told_by_successive_measurements():
+    long = datasets.embedded_scene(64)
+    masks = random_masks((2, 5, 64, 64))
+    y = np.stack([simulate(long.truth[:, :5], masks), simulate(long.truth[:, 5:], masks)])
+    assert [fit.frame_order for fit in check_fit(y, masks, frame_order=True)] == ["forward"] * 2
+    backwards = check_fit(y, masks[:, ::-1], frame_order=True)
+    assert [fit.frame_order for fit in backwards] == ["reversed"] * 2
+    assert backwards[0].findings[-1].kind == "frame order"
+    assert check_fit(y[0], masks, frame_order=True).frame_order == "unknown"
+    assert check_fit(y, masks)[0].frame_order == "not checked"
+
+
+def test_all_of_it_is_json_and_text(scene):
+    for y, masks in ((scene.y, scene.masks), (scene.y, scene.masks[:, :, ::-1]), (0 * scene.y, scene.masks)):
+        fit = check_fit(y, masks)
+        assert json.loads(json.dumps(fit.describe()))["findings"] == [vars(finding) for finding in fit.findings]
+        assert all(warning in str(fit) for warning in fit.warnings)
+
+
+@pytest.mark.parametrize("scale", [1e-300, 1e300])
+def test_units_do_not_matter(scene, scale):
+    y, masks = scene.y.astype("f8"), scene.masks.astype("f8")
+    assert check_fit(scale * y, masks).follows == pytest.approx(check_fit(y, masks).follows, rel=1e-5)
+
+
+@pytest.mark.parametrize("shape", [(1, 1, 1, 1), (2, 3, 4, 5), (1, 2, 1, 300), (1, 2, 15, 15), (3, 1, 16, 40)])
+@pytest.mark.parametrize("value", [-1.0, 0.0, 1.0])
+def test_it_never_fails(shape, value):
+    rng = np.random.default_rng(0)
+    for masks in (np.full(shape, value), rng.standard_normal(shape), rng.random(shape) < 0.5):
+        for y in (np.full(shape[2:], value), rng.standard_normal(shape[2:]), 1e30 * rng.random(shape[2:])):
+            assert str(check_fit(y.astype("f4"), masks))
+
+
+def test_solve_and_decode_say_it(scene, caplog):
+    flipped = scene.masks[:, :, ::-1]
+    with caplog.at_level(logging.WARNING, "pnp_sci"):
+        result = pnp_sci.solve(np.stack([scene.y, scene.y]), flipped, iterations=1)
+    (text,) = check_fit(scene.y, flipped).warnings
+    assert [record.message for record in caplog.records] == [f"measurements 1, 2: {text}"]
+    assert result.scenes[1]["fit"]["findings"][0]["kind"] == "arrangement"
+    assert text in repr(result)
+    good = pnp_sci.solve(scene.y, scene.masks, iterations=1)
+    assert good.scene["fit"] == check_fit(scene.y, scene.masks).describe()
+    assert pnp_sci.decode(scene.y, flipped, lambda problem, model: np.zeros(problem.op.shape)).remarks == [text]
+
+
+def test_an_operator_may_be_given(scene):
+    assert check_fit(scene.y, SensingOperator(scene.masks)).follows == check_fit(scene.y, scene.masks).follows
+
+
+def test_benchmarks_and_real_captures_raise_no_alarm(data):
+    scenes = [datasets.real(name) for name in datasets.REAL] + [datasets.real_dual(), datasets.singleview("traffic")]
+    for scene in [*scenes, datasets.dualview("bear_blackswan")]:
+        for y in scene.y.reshape(-1, *scene.y.shape[-2:]):
+            assert check_fit(y, scene.masks).ok, scene.name
