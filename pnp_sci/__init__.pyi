@@ -7,9 +7,9 @@ from .api import decode as decode
 from .api import solve as solve
 from .camera.calibrate import Calibration as Calibration
 from .camera.calibrate import calibrate as calibrate
-from .camera.quality import Quality as Quality
 from .camera.check import check_fit as check_fit
 from .camera.fit import Fit as Fit
+from .camera.quality import Quality as Quality
 from .masks import MaskCondition as MaskCondition
 from .masks import condition as condition
 from .masks import moving_masks as moving_masks

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
@@ -11,11 +11,9 @@ from pnp_sci._optional import needed_for
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
-    from pnp_sci.camera.calibrate import Calibration
 
-
-def draw(calibration: Calibration) -> Figure:
-    """Dark frame, bad pixels, brightest values, the first mask of each view; histograms and means of frames."""
+def draw(calibration: Any) -> Figure:
+    """Dark frame, bad pixels, brightest values, first masks, values and means, of a :class:`~pnp_sci.Calibration`."""
     with needed_for("pictures of a calibration", "plot"):
         from matplotlib.figure import Figure
 
