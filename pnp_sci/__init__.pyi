@@ -10,6 +10,9 @@ from .camera.calibrate import calibrate as calibrate
 from .camera.check import check_fit as check_fit
 from .camera.fit import Fit as Fit
 from .camera.quality import Quality as Quality
+from .camera.register import register as register
+from .camera.registration import Registration as Registration
+from .camera.warp import Transform as Transform
 from .masks import MaskCondition as MaskCondition
 from .masks import condition as condition
 from .masks import moving_masks as moving_masks

@@ -9,6 +9,7 @@ from typing import Any
 import numpy as np
 
 from pnp_sci._validate import shaped
+from pnp_sci.camera.registration import Registration
 from pnp_sci.pipeline.input import Input
 from pnp_sci.pipeline.measurement import counts, put
 from pnp_sci.pipeline.provenance import provenance
@@ -47,6 +48,7 @@ def solve(
     device: str | None = None,
     threads: int | None = None,
     seed: int = 0,
+    register: bool | Registration = False,
     **prior_options: Any,
 ) -> Result:
     """Recover the video of every view from one coded picture.
@@ -67,12 +69,11 @@ def solve(
         What to model: "auto" drops dark views, and models a still scene by one frame per view.
     bad : "auto", or array_like of bool, (H, W), optional
         Pixels of y that are not used. "auto" finds hot and dead ones.
-    iterations, sigma : optional
-        Largest number of iterations; what the prior is told, where x spans [0, 1]. By default rules decide.
+    iterations, sigma, tol : optional
+        Largest number of iterations; what the prior is told, where x spans [0, 1]. By default rules decide. Stop when
+        Phi x changes by less than `tol` times ``||y||`` in five iterations in a row.
     noise : "auto", float, or Sensor
         Standard deviation of the noise of y, in its units. A :class:`~pnp_sci.Sensor` says more of the camera.
-    tol : float
-        Stop when Phi x changes by less than this share of ``||y||`` in five iterations in a row.
     time_budget : float, optional
         Seconds for the whole call, callback included; the last estimate by then is returned.
     reference : array_like, optional
@@ -83,6 +84,8 @@ def solve(
         Called with each `State` of what is modelled; a true value stops the solver, for all measurements.
     progress, device, threads, seed
         Progress bar; where networks run, such as "cuda"; CPU threads at most; for priors that draw random numbers.
+    register : bool or Registration
+        First move the masks to where y has them, and subtract the black level: :func:`pnp_sci.register`.
     **prior_options
         For the prior's constructor, such as ``strength=2.0``.
 
@@ -106,7 +109,7 @@ def solve(
     return solve_all(y, masks, reference, peak, dict(
         prior=prior, prior_options=prior_options, init=init, algorithm=algorithm, effort=effort, scene=scene, bad=bad,
         iterations=iterations, noise=noise, sigma=sigma, tol=tol, time_budget=time_budget, callback=callback,
-        progress=progress, device=device, threads=threads, seed=seed,
+        progress=progress, device=device, threads=threads, seed=seed, register=register,
     ))  # fmt: skip
 
 

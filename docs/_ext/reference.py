@@ -13,7 +13,7 @@ from pathlib import Path
 
 TOPICS = {  # page: heading, and the folders and modules of pnp_sci whose names it shows
     "solve": ("Solve and results", {"api", "pipeline", "results", "solvers", "scene", "errors"}),
-    "operator": ("Operator and camera", {"sensing"}),
+    "operator": ("Operator and camera", {"sensing", "camera"}),
     "data": ("Masks and data", {"masks", "datasets", "io", "formats"}),
     "priors": ("Priors and decoders", set()),
     "plugins": ("Plugins and testing", {"plugins", "testing"}),

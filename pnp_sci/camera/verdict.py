@@ -6,7 +6,7 @@ import numpy as np
 
 from pnp_sci.camera.code import Code, Match
 from pnp_sci.camera.fit import Finding
-from pnp_sci.camera.search import search
+from pnp_sci.camera.orientations import search
 
 SURELY = 5.0  # standard errors: beyond chance in any one of some dozen tests, also with few blocks
 LIKELY = 3.0  # standard errors, beside a limit that already allows for errors of a calibration

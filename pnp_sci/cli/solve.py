@@ -37,6 +37,7 @@ from pnp_sci.cli.outputs import SAVED, SHOWN, print_scores, save_somewhere
 @click.option("--effort", default="balanced", show_default=True, help="fast, balanced or best.")
 @click.option("--iterations", type=click.IntRange(min=1), help="At most so many.")
 @camera_options
+@click.option("--register", is_flag=True, help="First move the masks to where the measurement has them.")
 @click.option("--time-budget", type=click.FloatRange(min=0, min_open=True), help="Seconds to stop after.")
 @click.option("--device", help="For priors that are networks, such as cuda.")
 @click.option("--threads", type=click.IntRange(min=1), help="At most so many.  [default: one a core]")

@@ -6,13 +6,15 @@ import logging
 from collections.abc import Iterator
 from contextlib import contextmanager
 from contextvars import ContextVar
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
 
 from pnp_sci.camera.check import check_all
 from pnp_sci.camera.fit import Fit
+from pnp_sci.camera.register import registration_for
+from pnp_sci.camera.registration import Registration
 from pnp_sci.camera.residual import unexplained
 from pnp_sci.sensing.operator import SensingOperator
 from pnp_sci.sensing.problem import Problem, check_bad, check_measurement, check_operator, pose, without
@@ -45,6 +47,7 @@ class Input:
     find_bad: bool
     op: SensingOperator
     largest: float
+    registration: Registration | None = None
 
     @classmethod
     def of(cls, y: Any, masks: Any, bad: Any) -> Input:
@@ -73,10 +76,27 @@ class Input:
                 problem = pose(without(self.op, bad), self.largest, y, sensor, bad)
             yield problem
 
-    @staticmethod
-    def found(scene: dict[str, Any], fit: Fit) -> dict[str, Any]:
-        """What was found of a scene, with how its measurement fits."""
-        return scene | {"fit": fit.describe(), "remarks": [*scene["remarks"], *fit.warnings]}
+    def registered(self, asked: bool | Registration, sensor: Sensor, masks: Any) -> tuple[Input, Sensor]:
+        """The input with the masks, as given, where they are found to be, without black level; the sensor of that."""
+        registration = registration_for(asked, self.measurements, masks)
+        if registration is None:
+            return self, sensor
+        black, full = registration.black_level, sensor.full_scale
+        measurements = registration.correct(self.measurements)
+        if self.bad is not None:
+            measurements = np.where(self.bad, 0, measurements)
+        if full is not None and full > black:
+            sensor = replace(sensor, full_scale=full - black)
+        op, largest = check_operator(registration.masks, measurements)
+        return replace(self, measurements=measurements, op=op, largest=largest, registration=registration), sensor
+
+    def found(self, scene: dict[str, Any], fit: Fit) -> dict[str, Any]:
+        """What was found of a scene, with how its measurement fits, and where the masks are."""
+        remarks = [*scene["remarks"], *fit.warnings]
+        if self.registration is None:
+            return scene | {"fit": fit.describe(), "remarks": remarks}
+        remarks.append(f"register: {self.registration.in_words()}")
+        return scene | {"fit": fit.describe(), "register": self.registration.describe(), "remarks": remarks}
 
     def check(self, sensor: Sensor) -> list[Fit]:
         """How each measurement fits the masks; what is wrong is logged."""

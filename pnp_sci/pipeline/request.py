@@ -8,6 +8,7 @@ from typing import Any
 
 from pnp_sci._validate import finite_number, instance, one_of, whole
 from pnp_sci.advice.recommend import prior_within
+from pnp_sci.camera.registration import Registration
 from pnp_sci.pipeline.auto import prior_for
 from pnp_sci.plugins.combine import Stages
 from pnp_sci.plugins.protocols import Prior
@@ -40,6 +41,7 @@ class Request:
     device: str | None
     threads: int | None
     seed: int
+    register: bool | Registration
 
     def settings(self) -> dict[str, Any]:
         """For `Result.settings`."""
@@ -56,6 +58,7 @@ class Request:
             "device": self.device,
             "threads": self.threads,
             "seed": self.seed,
+            "register": bool(self.register),
         }
 
 
@@ -79,6 +82,7 @@ def check_request(
     device: Any,
     threads: Any,
     seed: Any,
+    register: Any,
 ) -> Request:
     """The request for `count` measurements with this operator; errors name the argument."""
     sensor = check_noise(noise)
@@ -93,6 +97,7 @@ def check_request(
     instance("callback", callback, Callable)  # type: ignore[arg-type]
     instance("progress", progress, bool)
     instance("device", device, str)
+    instance("register", register, bool, Registration)
     counted = effort
     if isinstance(prior, str) and prior == "auto":
         within = time_budget is not None
@@ -101,7 +106,7 @@ def check_request(
     made = as_prior(prior, device=device, seed=seed, **prior_options)
     return Request(
         made, describe(prior, made), prior_options, init, algorithm, effort, counted, scene, iterations, sensor, sigma,
-        tol, time_budget, device, threads, seed,
+        tol, time_budget, device, threads, seed, register,
     )  # fmt: skip
 
 

@@ -33,12 +33,13 @@ def solve_all(y: Any, masks: Any, reference: Any, peak: float | None, options: d
     peak = None if peak is None else positive_number("peak", peak)
     truth = Reference(reference, (len(measurements), *op.shape), peak) if reference is not None else None
     _warn_of_lost_views(op)
-    fits = given.check(request.sensor)
 
     videos = np.empty((len(measurements), *op.shape), op.dtype)
     outcomes: list[Outcome] = []
     with limited(request.threads), watching(options["callback"], options["progress"]) as watch:
-        for n, problem in enumerate(given.problems(request.sensor, fits)):
+        given, sensor = given.registered(request.register, request.sensor, masks)
+        fits = given.check(sensor)
+        for n, problem in enumerate(given.problems(sensor, fits)):
             deadline = _share_of_time(began, request.time_budget, len(measurements) - n)
             outcomes.append(
                 untouched(problem, videos[n], n, truth)

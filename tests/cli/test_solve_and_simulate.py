@@ -40,7 +40,7 @@ def test_solve_hands_on_every_option(monkeypatch, meas):
     monkeypatch.setattr(pnp_sci.api, "solve", recorded)
     arguments = (
         "--prior tv:6,wavelet:2 --algorithm admm --init zeros --effort fast --iterations 8 --noise 0.01"
-        " --time-budget 2 --threads 2 --seed 3"
+        " --time-budget 2 --threads 2 --seed 3 --register"
     )
     done = run("solve", meas, *arguments.split(), "--option", "inner=5", "--option", "mode=soft")
     assert done.exit_code == 0, done.output
@@ -55,6 +55,7 @@ def test_solve_hands_on_every_option(monkeypatch, meas):
         "time_budget": 2.0,
         "threads": 2,
         "seed": 3,
+        "register": True,
         "device": None,
         "reference": None,
         "progress": False,

@@ -1,0 +1,69 @@
+"""The black level of a measurement: what it has beyond the light that its fine detail tells of."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from pnp_sci.camera.explained import BLOCK
+from pnp_sci.camera.local_model import LocalFit, LocalModel
+from pnp_sci.sensing.noise import blocks
+
+FLOOR = 0.01  # of the median variance of the blocks: none counts as exact
+CHANCE = 3.0  # standard errors by which the slope may differ from 1
+
+
+def black_level(model: LocalModel, fit: LocalFit) -> tuple[float, float]:
+    """The constant that measurements have beyond what the fit explains, and its standard error.
+
+    The levels of the views come from fine detail, which no constant reaches. So does the light of a block, that of the
+    levels times the masks. It is a straight line of the mean of y there; the black level is where the line meets 0. The
+    slope is 1 if the masks have the right contrast. If it is not, within three standard errors, it is fitted too.
+    """
+    mean, light, weight = _blocks(model.measurements, fit)
+    if mean.size < 3:
+        return 0.0, float("inf")
+    (start, slope), errors = _least_squares(np.stack([np.ones_like(mean), mean], -1), light, weight)
+    if abs(slope - 1) > CHANCE * float(np.sqrt(errors[1, 1])) and slope > 0:
+        along = np.array([-1 / slope, start / slope**2])  # of -start / slope
+        return -start / slope, float(np.sqrt(along @ errors @ along))
+    level, error = _least_squares(np.ones((mean.size, 1)), mean - light, weight)
+    return float(level[0]), float(np.sqrt(error[0, 0]))
+
+
+def light_against_mean(model: LocalModel, fit: LocalFit) -> tuple[float, float]:
+    """The straight line of the light of blocks against the mean of y there: its value at 0, and its slope.
+
+    The slope is 1 if the masks have the right contrast, below 1 if they have too much.
+    """
+    mean, light, weight = _blocks(model.measurements, fit)
+    start, slope = _least_squares(np.stack([np.ones_like(mean), mean], -1), light, weight)[0]
+    return float(start), float(slope)
+
+
+def _least_squares(design: np.ndarray, y: np.ndarray, weight: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Coefficients of a weighted least-squares fit and their covariance, robust against wrong weights and few blocks.
+
+    The covariance is HC3 of MacKinnon & White (1985): each residual is divided by one less its leverage.
+    """
+    inverse = np.linalg.pinv(design.T @ (design * weight[:, None]))
+    coefficients = inverse @ (design.T @ (weight * y))
+    leverage = weight * np.einsum("ki,ij,kj->k", design, inverse, design)
+    residual = (y - design @ coefficients) / np.maximum(1 - leverage, np.finfo(float).eps)
+    scores = design * (weight * residual)[:, None]
+    return coefficients, inverse @ (scores.T @ scores) @ inverse
+
+
+def _blocks(measurements: np.ndarray, fit: LocalFit) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Of each block of each measurement: the mean of y, the light that the fit tells of, and the weight of that."""
+    coefficients = fit.design.shape[-1]
+    there = fit.usable.sum(1) > coefficients
+    usable = fit.usable[there]
+    pixels = usable.sum(1)
+    columns = fit.columns.reshape(-1, *measurements.shape[1:])
+    means = np.stack([(blocks(c, BLOCK)[there] * usable).sum(1) for c in columns], -1) / pixels[:, None]  # (K, Q)
+    mean = np.stack([(blocks(y, BLOCK)[there] * usable).sum(1) / pixels for y in measurements])
+    light = np.einsum("kq,nkq->nk", means, fit.levels[:, there])
+    spread = (fit.residual[:, there] ** 2).sum(-1) / (pixels - coefficients)
+    variance = spread * np.einsum("kq,kqr,kr->k", means, fit.inverse[there], means)
+    weight = 1 / (variance + FLOOR * np.median(variance) + np.finfo(float).tiny)
+    return mean.ravel(), light.ravel(), weight.ravel()

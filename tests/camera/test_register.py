@@ -1,0 +1,186 @@
+"""Masks that are off are found from the measurement alone; masks that fit are left alone."""
+
+import json
+
+import numpy as np
+import pytest
+from moved import moved, seen_through
+
+import pnp_sci
+from pnp_sci import io
+from pnp_sci.errors import InputError, InputTypeError
+
+SIZE = 96
+
+
+@pytest.fixture(scope="module")
+def scene():
+    return pnp_sci.datasets.embedded_scene(SIZE)
+
+
+def apart(transform, shift, degrees, scale):
+    """The farthest way between where a transform and the true motion lead a corner of the picture."""
+    return transform.displacement((SIZE, SIZE), pnp_sci.Transform(*shift, degrees, scale))
+
+
+@pytest.mark.parametrize("order", [1, 3])
+@pytest.mark.parametrize(("shift", "degrees", "scale"), [((0.5, 0.3), 0.1, 1.0), ((-2.6, 3.0), 0.5, 1.005)])
+def test_shift_rotation_and_scale_are_found(scene, shift, degrees, scale, order):
+    y = seen_through(moved(scene.masks, shift, degrees, scale, order), scene.truth)
+    black = 0.2 * y.max()
+    found = pnp_sci.register(1.02 * y + black, scene.masks)
+    assert found.trusted
+    assert found.interpolation == {1: "linear", 3: "cubic"}[order]
+    assert all(apart(transform, shift, degrees, scale) < 0.05 for transform in found.transforms)
+    assert found.black_level == pytest.approx(black, abs=0.005 * y.max())
+    assert found.after > 0.75 > 0.5 > found.before
+
+
+@pytest.mark.parametrize("noise", [0.0, 0.03, 0.1])
+def test_masks_that_fit_stay_bit_for_bit(scene, noise):
+    y = pnp_sci.simulate(scene.truth, scene.masks, noise=noise, seed=1)
+    found = pnp_sci.register(y, scene.masks)
+    assert found.trusted
+    assert found.identity
+    assert np.array_equal(found.masks, scene.masks)
+    assert found.masks.dtype == np.uint8  # as it was given: not interpolated
+    assert np.array_equal(found.correct(y), y)
+
+
+def test_a_shift_by_whole_pixels_interpolates_nothing(scene):
+    found = pnp_sci.register(scene.y, np.roll(scene.masks, (-1, 2), (2, 3)))
+    assert [(t.rows, t.columns, t.rotation, t.scale, t.blur) for t in found.transforms] == [(1, -2, 0, 1, 0)] * 2
+    inside = found.known
+    assert np.array_equal(found.masks[..., inside], scene.masks[..., inside])
+    assert not found.masks[..., ~inside].any()
+    assert not found.correct(scene.y)[~inside].any()
+
+
+def test_views_may_move_apart(scene):
+    moves = ((0.5, 0.3), (-1.2, 0.8))
+    masks = np.stack([moved(view, move, order=3) for view, move in zip(scene.masks, moves)])
+    y = seen_through(masks, scene.truth)
+    found = pnp_sci.register(y, scene.masks)
+    assert all(apart(transform, move, 0, 1) < 0.05 for transform, move in zip(found.transforms, moves))
+    assert len(set(pnp_sci.register(y, scene.masks, each_view=False).transforms)) == 1
+
+
+def test_a_dark_view_moves_with_the_other(scene):
+    y = seen_through(moved(scene.masks[:1], (0.5, 0.3)), scene.truth[:1])
+    first, second = pnp_sci.register(y, scene.masks).transforms
+    assert first == second
+    assert apart(first, (0.5, 0.3), 0, 1) < 0.05
+
+
+def test_blur_is_found(scene):
+    from scipy.ndimage import gaussian_filter
+
+    masks = gaussian_filter(moved(scene.masks, (0.5, 0.3)), (0, 0, 0.8, 0.8))
+    found = pnp_sci.register(seen_through(masks, scene.truth), scene.masks)
+    assert found.transforms[0].blur == pytest.approx(0.64, abs=0.1)
+    assert apart(found.transforms[0], (0.5, 0.3), 0, 1) < 0.1
+    assert found.black_level == 0
+
+
+@pytest.mark.parametrize(
+    "wrong",
+    [
+        lambda masks: masks[:, :, ::-1],
+        lambda masks: masks.swapaxes(2, 3),
+        lambda masks: ~masks,
+        lambda masks: pnp_sci.random_masks(masks.shape, seed=9),
+        np.zeros_like,
+    ],
+    ids=["flipped", "transposed", "inverted", "of another setup", "closed"],
+)
+def test_masks_that_are_wrong_otherwise_are_left_alone(scene, wrong, caplog):
+    masks = wrong(scene.masks)
+    found = pnp_sci.register(scene.y, masks)
+    assert not found.trusted
+    assert found.identity
+    assert found.black_level == 0
+    assert np.array_equal(found.masks, masks)
+    assert "no transform makes the masks fit" in caplog.text
+    assert "no transform makes the masks fit" in repr(found)
+
+
+@pytest.mark.parametrize("y", [np.zeros((64, 64)), np.ones((64, 64)), np.random.default_rng(0).random((64, 64))])
+def test_nothing_is_found_where_nothing_is(y):
+    found = pnp_sci.register(y, pnp_sci.random_masks((1, 4, 64, 64)))
+    assert (found.trusted, found.identity, found.black_level) == (False, True, 0.0)
+
+
+def test_the_unit_of_y_and_of_the_masks_does_not_matter(scene):
+    masks = moved(scene.masks, (0.5, 0.3))
+    y = seen_through(masks, scene.truth)
+    one, other = pnp_sci.register(y + 1, scene.masks), pnp_sci.register(1000 * (y + 1), 7.0 * scene.masks)
+    assert one.transforms[0].displacement((SIZE, SIZE), other.transforms[0]) < 1e-6
+    assert other.black_level == pytest.approx(1000 * one.black_level)
+    assert one.gain == other.gain == 1.0
+
+
+@pytest.mark.parametrize("height", [3, 1000])
+def test_hot_pixels_mislead_nobody(scene, height):
+    y = seen_through(moved(scene.masks, (0.5, 0.3), order=3), scene.truth)
+    hot = np.random.default_rng(0).choice(y.size, y.size // 300, replace=False)
+    y.flat[hot] = height * y.max()
+    found = pnp_sci.register(y, scene.masks)
+    assert apart(found.transforms[0], (0.5, 0.3), 0, 1) < 0.05
+    assert abs(found.black_level) < 0.02 * np.delete(y, hot).max()
+
+
+def test_saturated_pixels_are_left_out(scene):
+    y = seen_through(moved(scene.masks, (0.5, 0.3), order=3), scene.truth)
+    found = pnp_sci.register(np.minimum(y, 0.7 * y.max()), scene.masks)
+    assert apart(found.transforms[0], (0.5, 0.3), 0, 1) < 0.05
+    assert abs(found.black_level) < 0.02 * y.max()
+
+
+def test_many_measurements_share_one_estimate(scene):
+    masks = moved(scene.masks, (0.5, 0.3))
+    stack = np.stack([seen_through(masks, scene.truth[:, ::step]) for step in (1, -1)])
+    found = pnp_sci.register(stack, scene.masks)
+    alone = [pnp_sci.register(y, scene.masks) for y in stack]
+    assert found.errors[0].rows < max(one.errors[0].rows for one in alone)
+    assert apart(found.transforms[0], (0.5, 0.3), 0, 1) < 0.05
+
+
+def test_errors_say_how_far_off_the_estimate_is():
+    """Over noise, the estimates scatter as their standard errors say."""
+    x = pnp_sci.datasets.embedded_scene(64)
+    y = seen_through(moved(x.masks, (0.4, 0.3)), x.truth)
+    random = np.random.default_rng(0)
+    found = [
+        pnp_sci.register(y + 0.05 * y.max() * random.standard_normal(y.shape), x.masks, each_view=False)
+        for _ in range(12)
+    ]
+    scatter = np.std([one.transforms[0].rows for one in found])
+    assert 0.3 < scatter / np.mean([one.errors[0].rows for one in found]) < 1.7
+
+
+@pytest.mark.parametrize(
+    ("change", "error", "said"),
+    [
+        ({"y": np.ones((64, 32))}, InputError, "masks has frames of 96 x 96, but y is 64 x 32"),
+        ({"y": np.full((SIZE, SIZE), np.nan)}, InputError, "y has"),
+        ({"y": "nothing"}, InputTypeError, "y "),
+        ({"y": np.ones((16, 64)), "masks": np.ones((1, 2, 16, 64))}, InputError, "32 pixels a side or more"),
+        ({"each_view": "both"}, InputError, "each_view is 'both'"),
+        ({"interpolation": "nearest"}, InputError, "interpolation is 'nearest'"),
+    ],
+)
+def test_errors_name_the_argument(scene, change, error, said):
+    arguments = {"y": scene.y, "masks": scene.masks} | change
+    with pytest.raises(error, match=said):
+        pnp_sci.register(arguments.pop("y"), arguments.pop("masks"), **arguments)
+
+
+def test_the_corrected_masks_can_be_saved(scene, tmp_path):
+    found = pnp_sci.register(seen_through(moved(scene.masks, (0.5, 0.3)), scene.truth), scene.masks)
+    for name in ("masks.npz", "masks.npy"):
+        found.save(tmp_path / name)
+        assert np.array_equal(io.read_masks(tmp_path / name), found.masks)
+    rows = io.read(tmp_path / "masks.npz", "transforms")
+    assert rows[:, 0] == pytest.approx([transform.rows for transform in found.transforms])
+    described = json.loads(json.dumps(found.describe()))
+    assert described["transforms"][1]["rows"] == found.transforms[1].rows
