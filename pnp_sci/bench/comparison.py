@@ -74,6 +74,7 @@ class Trial:
                 "seconds": self.result.settings["seconds"],
                 "iterations_done": last.iteration,
                 "status": self.result.status.value,
+                "remarks": self.result.remarks,
                 "residual": last.residual,
                 "score": self.score,
                 "psnr": list(self.psnr),

@@ -111,12 +111,13 @@ def compare(
 
 
 def _line(trial: Trial) -> str:
-    """A row of the table."""
+    """A row of the table, and the remarks on the result below it."""
     if trial.result is None:
         return f"{trial.method.name:24s} failed"
     row = trial.row()
     truth = "".join(f"PSNR {p:.2f} dB, SSIM {s:.3f}; " for p, s in zip(trial.psnr, trial.ssim))
-    return (
+    line = (
         f"{row['name']:24s} {truth}score {row['score']:.2f} dB, residual {row['residual']:.4f}, "
         f"{row['seconds']:.2f} s, {row['iterations_done']} iterations: {row['status']}"
     )
+    return "\n".join([line, *(f"  {remark}" for remark in row["remarks"])])

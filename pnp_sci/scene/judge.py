@@ -13,6 +13,7 @@ from pnp_sci._tuned import Tuned
 from pnp_sci.plugins.protocols import Prior
 from pnp_sci.scene.dark_views import lit_views
 from pnp_sci.scene.evidence import always, at_most, beyond, beyond_chance, contested_tile, evidence
+from pnp_sci.scene.movers import shows_more
 from pnp_sci.sensing.operator import SensingOperator
 from pnp_sci.sensing.problem import Problem, level
 from pnp_sci.sensing.scene_model import SceneModel, full
@@ -54,7 +55,8 @@ def judge(
     A tenth of the pixels of y is held back, and both models are estimated from the rest. They are compared on the tile
     where the simple model predicts the held-back pixels worst, relative to the full one. The simple model is taken if
     it predicts clearly better there, or with a `careful` prior not much worse. Besides, what only the full
-    model shows, motion or a view, must not correlate with the errors of the simple one.
+    model shows, motion or a view, must not correlate with the errors of the simple one, and nowhere in the picture may
+    the simple model's residual follow masks that it does not use, see :mod:`pnp_sci.scene.movers`.
 
     Parameters
     ----------
@@ -71,7 +73,7 @@ def judge(
         A moment of ``time.perf_counter``: a model that has not shown by then that it is better is not taken.
     """
     op = problem.op
-    predicts_better = _Comparison(problem, until, patience(op) // (4 if careful else 8))
+    predicts_better = _Comparison(problem, quick, until, patience(op) // (4 if careful else 8))
     chosen = full(op, "every view and frame is needed")
     last = patience(op)
     early, half, soon, later = last // 3, last // 2, last // 2 + last // 5, last // 2 + last // 3  # iterations of looks
@@ -108,8 +110,8 @@ def judge(
 class _Comparison:
     """Models of a scene, compared by how they predict pixels of y that are held back; saturated ones are left out."""
 
-    def __init__(self, problem: Problem, until: float, look: int):
-        self.problem, self.until, self.look = problem, until, look
+    def __init__(self, problem: Problem, quick: Prior, until: float, look: int):
+        self.problem, self.quick, self.until, self.look = problem, quick, until, look
         self.hidden = np.random.default_rng(0).random(problem.y.shape) < HELD_BACK
         self.seen = ~self.hidden
         # if fewer pixels are saturated than held back, the held-back ones are still a random choice
@@ -148,7 +150,19 @@ class _Comparison:
                 return False
             if self.by_chance and evidence(errors, beyond(simple, other, part, x), hidden) > CHANCE:
                 return False
-        return True
+        return not self._leaves_a_mover(simple, prior) and time.perf_counter() < self.until
+
+    def _leaves_a_mover(self, simple: SceneModel, prior: Prior) -> bool:
+        """Whether the residual of a smooth estimate shows what the simple model cannot.
+
+        What the first estimate has not predicted is noise to the smooth one, so that it does not fit what passes.
+        """
+        op, y, known = simple.reduce(self.problem.op), self.problem.y, self.seen | self.hidden
+        unexplained = self._first(simple, prior)[0][self.hidden].astype(np.float64)
+        noise = float(np.sqrt(np.mean(unexplained**2)))
+        enough = patience(self.problem.op) if simple.nothing_moves else self.look
+        residual = next(_predictions(op, y, known, noise, self.quick, enough))[0]
+        return shows_more(simple, self.problem.op, residual * known)
 
     def _first(self, model: SceneModel, prior: Prior) -> tuple[np.ndarray, np.ndarray]:
         """Early errors (H, W) and estimates of the whole picture."""

@@ -1,0 +1,147 @@
+"""Small movers: does what a simple model leaves of y follow masks that it does not use, somewhere in the picture?
+
+If a scene stands still, y depends on the masks only through their sum over time. Which frames of a pixel are open is
+then chance beside the residual r of the model, whatever the scene. So ``r * (mask - mean of the masks)`` has mean 0,
+and its variance under permutations of the frames is known (Pitman 1937). Where something passes, the mean is the change
+of brightness times the variance of the masks.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from pnp_sci.scene.tracks import follow
+from pnp_sci.scene.unused import Free, free_masks
+from pnp_sci.sensing.operator import SensingOperator
+from pnp_sci.sensing.scene_model import SceneModel
+
+SIDE = 8  # pixels a side of the smallest windows
+ZOOMS = (1, 2, 4)  # factors on them
+LONG = 10  # frames of a moving window's track, at most
+ALARM = 0.01  # largest probability that chance alone looks like a mover somewhere in a picture
+LOUD = 2.0  # root mean squares at which residuals are clipped, so that no few pixels decide
+CELLS = 3  # smallest side of windows in cells of the masks: the sum over fewer is not normal
+DIM = 1e-6  # of the mean variance, added to that of each window: where y is 0 nothing is to be seen
+
+
+def shows_more(simple: SceneModel, op: SensingOperator, residual: np.ndarray) -> bool:
+    """Whether the residual (H, W) of a simple model shows a mover, or a thing in a view that the model leaves out.
+
+    The masks of still and dark views, freed of what the model uses of them, are correlated with the residual in windows
+    of 8, 16 and 32 pixels a side: at rest in runs of frames, and along straight tracks of 10 frames. The largest score
+    of each of the two kinds is compared with Bonferroni's limit for so many scores.
+    """
+    loud = LOUD * float(np.sqrt(np.mean(residual.astype(np.float64) ** 2)))
+    clipped = np.clip(residual, -loud, loud)
+    views = list(free_masks(simple, op))
+    tracks = Tracks.of(op.shape[1], any(free.share == 0 for free in views))
+    scores, places = np.zeros(len(tracks.steps)), 0
+    for free in views:
+        best, count = tracks.scores(free, clipped)
+        scores, places = np.maximum(scores, best), places + count
+    kinds = (tracks.moving, ~tracks.moving)
+    return any(scores[kind].max(initial=0) > limit(places * int(kind.sum()), len(kinds)) for kind in kinds)
+
+
+def limit(tried: int, kinds: int = 1) -> float:
+    """Standard deviations that the largest of so many normal scores exceeds with a probability of 0.01, at most.
+
+    Of several kinds of scores, each has its part of the probability.
+    """
+    from scipy.stats import norm
+
+    return float(norm.isf(ALARM / 2 / kinds / max(tried, 1)))
+
+
+@dataclass(frozen=True)
+class Tracks:
+    """Courses of windows through the frames.
+
+    Attributes
+    ----------
+    steps : ndarray of int, (N, B, 2)
+        Rows and columns of a window beside its first place, in so many frames from `first` as `length` says.
+    first, length : ndarray of int, (N,)
+    """
+
+    steps: np.ndarray
+    first: np.ndarray
+    length: np.ndarray
+
+    @classmethod
+    def of(cls, frames: int, whole: bool) -> Tracks:
+        """Half-overlapping runs at rest of 1, 2, 4 ... frames, and of 8 frames with steps of less than a window.
+
+        All frames at rest are one more run if it says anything (`whole`).
+        """
+        runs = [(start, 2**k, (0, 0)) for k in range(frames.bit_length()) for start in _starts(frames, 2**k)]
+        runs = [run for run in runs if run[1] < frames] + [(0, frames, (0, 0))] * whole
+        speeds = [(y, x) for y in range(1 - SIDE, SIDE) for x in range(1 - SIDE, SIDE) if (y, x) != (0, 0)]
+        long = min(frames, LONG)
+        runs += [(start, long, speed) for start in _starts(frames, long) for speed in speeds if long > 1]
+        steps = np.zeros((len(runs), frames, 2), np.int64)
+        for track, (_, length, speed) in zip(steps, runs):
+            track[:length] = np.arange(length)[:, None] * np.array(speed)
+        return cls(steps, np.array([run[0] for run in runs]), np.array([run[1] for run in runs]))
+
+    @property
+    def moving(self) -> np.ndarray:
+        """Which of them move, (N,)."""
+        return np.any(self.steps, axis=(1, 2))
+
+    def scores(self, free: Free, residual: np.ndarray) -> tuple[np.ndarray, int]:
+        """The largest score of each track over all places and sizes of windows (N,), and how many places there are.
+
+        Scores are in standard deviations, by permutation or by what is usual in the picture, whichever is more. A track
+        that moves with the pattern of the masks has none: it sees one part of the pattern only.
+        """
+        best, places = np.zeros(len(self.steps)), 0
+        rooted, shift = free.rooted(residual), free.shift
+        parts, spread = residual * free.masks, rooted**2
+        scale = _even(self.steps, self.length, free.share)
+        for zoom in ZOOMS:
+            if min(spread.shape) < SIDE or not spread.any():
+                break
+            if CELLS * free.cell <= SIDE * zoom:
+                top, energy = np.zeros((2, len(self.steps)))
+                totals, variance = _windows(parts), _windows(spread)
+                normal = (totals / np.sqrt(variance + DIM * variance.mean())).astype(np.float32)
+                how = SIDE, zoom, scale, free.share, shift, bool(shift.any())
+                follow(totals, normal, rooted, self.steps, self.first, self.length, *how, top, energy)
+                top[self.moving & np.all(zoom * self.steps[:, 1:2] == shift, (1, 2))] = 0
+                best, places = np.maximum(best, np.sqrt(top / np.maximum(energy, 1))), places + variance.size
+            parts, spread = _halved(parts), _halved(spread)
+        return best, places
+
+
+def _starts(frames: int, length: int) -> list[int]:
+    """First frames of half-overlapping runs, the last of which ends with the last frame."""
+    last = frames - length
+    return sorted({*range(0, last + 1, max(length // 2, 1)), last}) if last >= 0 else []
+
+
+def _even(steps: np.ndarray, length: np.ndarray, share: float) -> np.ndarray:
+    """The variance of one window over that of each track (N,), where all pixels have the same; 0 if it has none.
+
+    Each frame adds a window; all pairs of frames lose their overlap, as often as `share` says.
+    """
+    used = np.arange(steps.shape[1]) < length[:, None]
+    apart = np.abs(steps[:, :, None] - steps[:, None])
+    overlap = np.prod(np.maximum(SIDE - apart, 0), -1) * (used[:, :, None] & used[:, None])
+    variance = length * SIDE**2 - share * overlap.sum((1, 2))
+    return np.where(variance > DIM, SIDE**2 / np.maximum(variance, DIM), 0)
+
+
+def _windows(a: np.ndarray) -> np.ndarray:
+    """Sums over all windows of SIDE pixels a side in the last two axes."""
+    sums = np.pad(a, [(0, 0)] * (a.ndim - 2) + [(1, 0), (1, 0)]).cumsum(-1, dtype=np.float64).cumsum(-2)
+    return sums[..., SIDE:, SIDE:] - sums[..., SIDE:, :-SIDE] - sums[..., :-SIDE, SIDE:] + sums[..., :-SIDE, :-SIDE]
+
+
+def _halved(a: np.ndarray) -> np.ndarray:
+    """Sums over blocks of 2 x 2 pixels in the last two axes; an odd last row or column is left out."""
+    rows, columns = (n // 2 * 2 for n in a.shape[-2:])
+    a = a[..., :rows, :columns]
+    return a[..., ::2, ::2] + a[..., 1::2, ::2] + a[..., ::2, 1::2] + a[..., 1::2, 1::2]
