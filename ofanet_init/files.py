@@ -22,9 +22,10 @@ def save(path: str | Path, network: OFaNet) -> str:
 def load(path: str | Path) -> tuple[OFaNet, str]:
     """Read a network from `path`, with the SHA-256 of its weights; raises as :func:`pnp_sci.formats.weights.read`."""
     tensors, metadata = weights.read(path, {"model": "ofanet"}, "python -m ofanet_init.train")
+    fields = weights.described(metadata, "config", tensors, path)
     try:
-        network = OFaNet(OFaNetConfig(**json.loads(metadata["config"])))
-    except (KeyError, TypeError, ValueError) as error:
+        network = OFaNet(OFaNetConfig(**fields))
+    except (TypeError, ValueError) as error:
         raise FormatError(f"{path} has no valid configuration in its metadata: {error!r}") from error
     weights.fill(network, tensors, path)
     return network.eval(), metadata["sha256"]

@@ -1,8 +1,10 @@
 """Settings and fixtures of all tests; lists of operators and priors are in operators_and_priors.py."""
 
 import os
+import sys
 from pathlib import Path
 
+import numba
 import pytest
 from hypothesis import settings
 
@@ -17,3 +19,16 @@ def data():
     if not folder or not (Path(folder) / "dualview").is_dir():
         pytest.skip("PNP_SCI_DATA names no folder with the data sets")
     return Path(folder)
+
+
+@pytest.fixture(autouse=True)
+def one_thread_a_worker(request):
+    """Several workers of pytest-xdist share the cores; tests marked `threads` have all threads nevertheless."""
+    if "PYTEST_XDIST_WORKER" not in os.environ or request.node.get_closest_marker("threads"):
+        yield
+        return
+    numba.set_num_threads(1)  # inference follows it
+    if "torch" in sys.modules:
+        sys.modules["torch"].set_num_threads(1)
+    yield
+    numba.set_num_threads(numba.config.NUMBA_NUM_THREADS)

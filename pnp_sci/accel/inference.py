@@ -21,9 +21,11 @@ def usable(device: str | None) -> torch.device:
     """The torch device of this name, by default the CPU; raises InputError if it cannot be used."""
     try:
         place = torch.device(device or "cpu")
-        torch.empty(1, device=place).cpu()  # "meta" has no values
-    except (RuntimeError, AssertionError, ImportError) as error:
-        raise InputError(f"device: {device!r} cannot be used here: {str(error).splitlines()[0]}") from error
+        with mixed_precision(place):
+            (torch.zeros(1, device=place) + 1).cpu()  # "meta" and others have tensors, but no values
+    except (RuntimeError, AssertionError, ImportError, AttributeError) as error:
+        why = (str(error).splitlines() or [type(error).__name__])[0]
+        raise InputError(f"device: {device!r} cannot be used here: {why}") from error
     return place
 
 

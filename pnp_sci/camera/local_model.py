@@ -9,9 +9,9 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from pnp_sci.camera.explained import BLOCK, fine_detail
+from pnp_sci.camera.pile import pile
 from pnp_sci.camera.warp import Transform, centre, known, spread, warped
 from pnp_sci.sensing.noise import blocks
-from pnp_sci.sensing.sensor import looks_saturated
 
 MARGIN = 2.0  # pixels from the border of the masks in which fine detail is not used: the width of its Gaussian
 PROBE = 0.25  # pixels: half of the step of central differences; interpolated masks have kinks at whole pixels
@@ -40,7 +40,8 @@ class LocalModel:
         weights = [np.ones_like(times), times][: masks.shape[1]]  # one frame has no change in time
         self.planes = np.stack([np.einsum("b,vbhw->vhw", w, masks) for w in weights], 1)  # (V, 1 or 2, H, W)
         self.detail = np.stack([_blocked_detail(y) for y in self.measurements])  # (N, K, P)
-        saturated = [blocks(y == y.max(), BLOCK).any(1) for y in measurements if looks_saturated(y)]
+        weight = np.abs(masks).sum((0, 1), dtype=np.float64)
+        saturated = [blocks(y >= found[0], BLOCK).any(1) for y in measurements if (found := pile(y, weight))]
         self.exact = ~np.logical_or.reduce([np.zeros(self.detail.shape[1], bool), *saturated])[:, None]  # (K, 1)
         self.ramps = [np.arange(n) % BLOCK / (BLOCK - 1) - 0.5 for n in masks.shape[2:]]
 

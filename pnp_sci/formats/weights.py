@@ -6,8 +6,11 @@ This module imports torch; :mod:`pnp_sci` imports it on first use only.
 from __future__ import annotations
 
 import hashlib
+import json
+import reprlib
 from collections.abc import Mapping
 from pathlib import Path
+from typing import Any
 
 import torch
 from safetensors import SafetensorError, safe_open
@@ -74,6 +77,30 @@ def read(path: str | Path, expected: Mapping[str, str], remedy: str) -> tuple[di
     if metadata.get("sha256") != fingerprint(tensors):
         raise FormatError(f"weights: the values in {path} do not match their hash: the file is damaged")
     return {key: value.float() for key, value in tensors.items()}, metadata
+
+
+def described(
+    metadata: Mapping[str, str], key: str, tensors: Mapping[str, torch.Tensor], path: str | Path
+) -> dict[str, Any]:
+    """The fields of an architecture, JSON in the metadata: text, booleans, whole numbers and lists of such numbers.
+
+    Raises
+    ------
+    FormatError
+        If there are none, or a number is not from 1 to the number of tensors or the largest of their dimensions: a
+        network of such a size has other tensors, and may take hours to be made.
+    """
+    try:
+        fields = dict(json.loads(metadata[key]).items())
+    except (KeyError, AttributeError, ValueError, RecursionError) as error:
+        raise FormatError(f"weights: {path} has no valid {key} in its metadata: {error!r}") from error
+    most = max([len(tensors), *(size for tensor in tensors.values() for size in tensor.shape)])
+    for name, value in fields.items():
+        numbers = value if isinstance(value, list) else [value]
+        if not numbers or not all(isinstance(n, (str, bool)) or (type(n) is int and 1 <= n <= most) for n in numbers):
+            shown = reprlib.repr(value)
+            raise FormatError(f"weights: {name} of {path} is {shown}: whole numbers from 1 to {most} were expected")
+    return fields
 
 
 def fill(network: torch.nn.Module, tensors: Mapping[str, torch.Tensor], path: str | Path) -> None:

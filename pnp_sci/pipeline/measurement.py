@@ -22,6 +22,7 @@ from pnp_sci.sensing.operator import SensingOperator
 from pnp_sci.sensing.problem import Problem, level
 from pnp_sci.sensing.scene_model import full
 from pnp_sci.solvers.iterate import ALGORITHMS, states
+from pnp_sci.solvers.pace import in_time, remember
 from pnp_sci.solvers.plan import make_plan
 from pnp_sci.solvers.run import run
 from pnp_sci.solvers.state import State, length, start
@@ -75,20 +76,22 @@ def reconstruct(
     op, traits = problem.op, request.prior.traits(problem.op.shape)
     scene = choose_scene(request.scene, problem, traits.strong, traits.strong, _judged_until(deadline))
     reduced, described = scene.reduce(op), scene.describe(op)
+    start = first_estimate(request.init, problem, scene, traits.network, request.device, deadline)
+    name, decoded, x = start.name, start.decoded, scene.restrict(start.x)
+    described["remarks"] += start.remarks
+    del start  # the first estimate is freed after the first step, but for a decoder's
     plan = make_plan(
         reduced, problem.noise, request.prior,
         algorithm=request.algorithm, effort=request.counted,
         iterations=request.iterations, sigma=request.sigma, tol=request.tol, deadline=deadline,
     )  # fmt: skip
+    plan = in_time(plan, reduced, problem.y, traits, decoded)
     watch.expect(plan.iterations)
     session = InTurn(plan.serves, reduced.shape, reduced.dtype)
 
     def score(x: np.ndarray) -> float | None:
         return truth.psnr(scene.expand(x, op.shape), n, problem.unit) if truth else None
 
-    start = first_estimate(request.init, problem, scene, traits.network, request.device)
-    name, decoded, x = start.name, start.decoded, scene.restrict(start.x)
-    del start  # the first estimate is freed after the first step, but for a decoder's
     finish = _Finish(problem, reduced, session, x if decoded else None)
     iterates = states(reduced, problem.y, session, x, ALGORITHMS[plan.algorithm], plan.schedule, problem.saturated)
     del x
@@ -102,6 +105,7 @@ def reconstruct(
         saturated=problem.saturated,
         finish=finish,
     )
+    remember(plan, reduced.shape, [record.seconds for record in records], finish.seconds)
     put(scene.expand(state.x, op.shape), out, problem.unit)
     facts = session.facts()
     described["at_rest"] = scene.at_rest(facts.get("still", []))
@@ -119,14 +123,17 @@ class _Finish:
 
     def __init__(self, problem: Problem, op: SensingOperator, session: InTurn, decoded: np.ndarray | None):
         self.problem, self.op, self.session, self.decoded = problem, op, session, decoded
-        self.shares = [0.0] * op.shape[0]
+        self.shares, self.seconds = [0.0] * op.shape[0], 0.0
 
     def __call__(self, state: State) -> State:
+        begin = time.perf_counter()
         x = self.session.finish(state.x, state.sigma)
         x = shaped("what the prior's finish returns", x, state.x.shape, state.x.dtype)
         if self.decoded is not None:
             x, self.shares = blended(self.problem, x, self.decoded)
-        return replace(state, x=x, residual=self.problem.y - self.op.forward(x))
+        residual = self.problem.y - self.op.forward(x)
+        self.seconds = time.perf_counter() - begin
+        return replace(state, x=x, residual=residual)
 
 
 def untouched(problem: Problem, out: np.ndarray, n: int, truth: Reference | None = None) -> Outcome:

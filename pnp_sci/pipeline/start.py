@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+import time
+from collections.abc import Callable, Hashable
+from dataclasses import dataclass, field, fields, replace
 from typing import Any
 
 import numpy as np
@@ -11,8 +13,10 @@ from pnp_sci._validate import real_array, require_finite, shaped
 from pnp_sci.errors import FormatError, InputError
 from pnp_sci.pipeline.auto import NETWORK
 from pnp_sci.plugins.resolve import decoder_for
+from pnp_sci.sensing.operator import SensingOperator
 from pnp_sci.sensing.problem import Problem, level
 from pnp_sci.sensing.scene_model import SceneModel
+from pnp_sci.solvers.pace import LITTLE, SIDE
 from pnp_sci.solvers.state import length, missing
 from pnp_sci.solvers.stopping import EXPLODED
 
@@ -29,24 +33,38 @@ class Start:
         In the problem's units.
     decoded : bool
         Whether an installed decoder has made it: then it counts in the result of a noisy measurement.
+    remarks : list of str
+        What to know of it before a result is used.
     """
 
     name: str
     x: np.ndarray
     decoded: bool = False
+    remarks: list[str] = field(default_factory=list)
+
+
+Decode = Callable[[Problem, SceneModel], np.ndarray]
+_seconds: dict[Hashable, float] = {}  # least that a decoder has taken for each value of x in this process
+_guessed: set[Hashable] = set()  # those of `_seconds` that are from crops
+_warm: set[Hashable] = set()  # decoders that have been loaded
 
 
 def first_estimate(
-    init: Any, problem: Problem, scene: SceneModel, network: bool = False, device: str | None = None
+    init: Any,
+    problem: Problem,
+    scene: SceneModel,
+    network: bool = False,
+    device: str | None = None,
+    deadline: float | None = None,
 ) -> Start:
     """The start that an `init` argument of :func:`pnp_sci.solve` stands for.
 
     Beside a prior that is a `network`, "auto" is the quickest decoder, where it is installed and has weights for such
-    masks. A decoder that takes a `device` runs there.
+    masks. A decoder that takes a `device` runs there. In place of one that would miss the `deadline` comes "adjoint".
     """
     if isinstance(init, str) and init == "auto":
         try:
-            return first_estimate(NETWORK if network else "adjoint", problem, scene, device=device)
+            return first_estimate(NETWORK if network else "adjoint", problem, scene, False, device, deadline)
         except FormatError:  # weights that are damaged
             raise
         except InputError:
@@ -54,7 +72,7 @@ def first_estimate(
     if isinstance(init, str) and init == "adjoint":
         return Start(init, level(problem.op, problem.y))
     if isinstance(init, str):
-        return Start(init, _checked(decoder_for("init", init, {}, device)(problem, scene), problem), decoded=True)
+        return _decoded(init, problem, scene, device, deadline)
     if callable(init):
         x = decoder_for("init", init, {})(problem, scene)
     else:
@@ -65,6 +83,66 @@ def first_estimate(
     if problem.y.any() and residual > EXPLODED:
         raise InputError(f"init leaves {residual:.3g} times y as residual: an estimate in the units of y was expected")
     return Start(type(init).__name__, x)
+
+
+def _decoded(name: str, problem: Problem, scene: SceneModel, device: str | None, deadline: float | None) -> Start:
+    """What the decoder of this name makes, or "adjoint" where it would miss the deadline."""
+    decoder = decoder_for("init", name, {}, device)
+
+    def decode(problem: Problem, scene: SceneModel) -> np.ndarray:
+        return _checked(decoder(problem, scene), problem)
+
+    key, size = (name, device, problem.op.shape[:2], scene.nothing_moves), problem.op.masks.size
+    if (
+        deadline is not None
+        and (needed := _needed(key, decode, problem, scene, deadline)) + time.perf_counter() > deadline
+    ):
+        remark = f"init: {name!r} takes about {needed:.2g} s, which the time budget has not: 'adjoint' was taken"
+        return Start("adjoint", level(problem.op, problem.y), remarks=[remark])
+    x, lasted = _timed(decode, problem, scene)
+    if key in _warm:
+        _learn(key, lasted / size)
+    _warm.add(key)
+    return Start(name, x, decoded=True)
+
+
+def _needed(key: Hashable, decode: Decode, problem: Problem, scene: SceneModel, deadline: float) -> float:
+    """Seconds that the decoder needs: from its runs in this process, else from two crops, as it takes a part anyway.
+
+    If these would miss the deadline, they are tried again if that takes little time: the machine may have been busy.
+    """
+    small, part = _part(problem, SIDE // 2), _part(problem, SIDE)
+    size, n, left = problem.op.masks.size, part.op.masks.size, deadline - time.perf_counter()
+    known = _seconds.get(key, 0.0)
+    if not known or (key in _guessed and known * size > left and known * n < LITTLE * left):
+        if key not in _warm:
+            decode(part, scene)  # loads
+        _warm.add(key)
+        few, more = (_timed(decode, crop, scene)[1] for crop in (small, part))
+        slope = max(more - few, 0.0) / max(n - small.op.masks.size, 1)
+        _seconds[key] = (more + slope * (size - n)) / size
+        _guessed.add(key)
+    return _seconds[key] * size
+
+
+def _learn(key: Hashable, seconds: float) -> None:
+    """Keep what a run has taken for each value: the least of all runs, others on the machine only slow it down."""
+    _seconds[key] = seconds if key in _guessed else min(seconds, _seconds.get(key, seconds))
+    _guessed.discard(key)
+
+
+def _timed(decode: Decode, problem: Problem, scene: SceneModel) -> tuple[np.ndarray, float]:
+    begin = time.perf_counter()
+    return decode(problem, scene), time.perf_counter() - begin
+
+
+def _part(problem: Problem, side: int) -> Problem:
+    """A crop of a problem, of so many pixels a side."""
+    crop = (..., slice(0, side), slice(0, side))
+    op = SensingOperator(problem.op.masks[crop], problem.op.dtype)
+    pictures = {f.name: getattr(problem, f.name) for f in fields(problem)}
+    cropped = {name: p[crop] for name, p in pictures.items() if isinstance(p, np.ndarray) and p.ndim == 2}
+    return replace(problem, op=op, **cropped)
 
 
 def _checked(x: Any, problem: Problem) -> np.ndarray:

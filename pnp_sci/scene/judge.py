@@ -6,6 +6,7 @@ import time
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 from functools import partial
+from typing import Any
 
 import numpy as np
 
@@ -121,7 +122,14 @@ class _Comparison:
                 self.hidden, self.seen = self.hidden & ~unknown, self.seen & ~unknown
         self._known: dict[SceneModel, tuple[np.ndarray, np.ndarray]] = {}
 
-    def __call__(
+    def __call__(self, *comparison: Any) -> bool:
+        """As :meth:`_predicts_better`; false where there is no time to find out."""
+        try:
+            return self._predicts_better(*comparison)
+        except TimeoutError:
+            return False
+
+    def _predicts_better(
         self, simple: SceneModel, other: SceneModel, prior: Prior, looks: dict[int, IsFine], doubt: float = 0
     ) -> bool:
         """Whether the simple model predicts well enough, on its worst tile, at each of the looks.
@@ -142,7 +150,8 @@ class _Comparison:
         expected = self.problem.typical_noise**2 * (1 + doubt)
 
         def estimates(model: SceneModel) -> Iterator[tuple[np.ndarray, np.ndarray]]:
-            return _predictions(model.reduce(part), y, seen, self.problem.typical_noise, prior, *looks)
+            noise = self.problem.typical_noise
+            return _predictions(model.reduce(part), y, seen, noise, prior, *looks, until=self.until)
 
         for is_fine, (errors, _), (others, x) in zip(looks.values(), estimates(simple), estimates(other)):
             squares = (e[hidden].astype(np.float64) ** 2 - expected for e in (errors, others))
@@ -165,20 +174,31 @@ class _Comparison:
         return shows_more(simple, self.problem.op, residual * known)
 
     def _first(self, model: SceneModel, prior: Prior) -> tuple[np.ndarray, np.ndarray]:
-        """Early errors (H, W) and estimates of the whole picture."""
+        """Early errors (H, W) and estimates of the whole picture; TimeoutError after `until`."""
         if model not in self._known:
             op, y, noise = model.reduce(self.problem.op), self.problem.y, self.problem.typical_noise
-            self._known[model] = next(_predictions(op, y, self.seen, noise, prior, self.look))
+            self._known[model] = next(_predictions(op, y, self.seen, noise, prior, self.look, until=self.until))
         return self._known[model]
 
 
 def _predictions(
-    op: SensingOperator, y: np.ndarray, seen: np.ndarray, noise: float, prior: Prior, *iterations: int
+    op: SensingOperator,
+    y: np.ndarray,
+    seen: np.ndarray,
+    noise: float,
+    prior: Prior,
+    *iterations: int,
+    until: float = np.inf,
 ) -> Iterator[tuple[np.ndarray, np.ndarray]]:
-    """y - Phi x (H, W) and x, estimated from the pixels of y that are seen, after so many iterations each."""
+    """y - Phi x (H, W) and x, estimated from the pixels of y that are seen, after so many iterations each.
+
+    Raises a TimeoutError after the moment `until`.
+    """
     sampled = SensingOperator(op.masks * seen.astype(op.masks.dtype), op.dtype)
     for state in iterate(sampled, y * seen, prior, level(op, y * seen), noise=noise):
         if state.iteration in iterations:
             yield y - op.forward(state.x), state.x
         if state.iteration == iterations[-1]:
             return
+        if time.perf_counter() > until:
+            raise TimeoutError

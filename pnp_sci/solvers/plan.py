@@ -14,6 +14,27 @@ from pnp_sci.solvers.effort import iterations_for
 from pnp_sci.solvers.schedule import Schedule, contrast, schedule_for
 
 
+@dataclass(frozen=True)
+class Pace:
+    """Seconds that iterations with a prior take, or seconds for each value of x.
+
+    Attributes
+    ----------
+    slowest, usual : float
+        Of an iteration. The slowest ones measure the motion or group patches, the first one always.
+    finish : float
+        Of what makes of the last estimate the one that is returned.
+    """
+
+    slowest: float = 0.0
+    usual: float = 0.0
+    finish: float = 0.0
+
+    def times(self, factor: float) -> Pace:
+        """The pace of so many times the work."""
+        return Pace(self.slowest * factor, self.usual * factor, self.finish * factor)
+
+
 @dataclass(frozen=True, eq=False)
 class Plan:
     """What the solver does, decided before the first iteration.
@@ -33,6 +54,10 @@ class Plan:
         Iterations before which no change counts as none: those before the last prior serves.
     deadline : float or None
         The moment of ``time.perf_counter`` by which the solver returns.
+    paces : tuple of Pace
+        How long iterations with each of `serves` take, if there is a deadline.
+    holds : bool
+        Whether the first estimate is the one to return until the last prior serves.
     """
 
     algorithm: str
@@ -42,16 +67,26 @@ class Plan:
     tol: float
     least: int = 0
     deadline: float | None = None
+    paces: tuple[Pace, ...] = ()
+    holds: bool = False
+
+    def place(self, call: int) -> int:
+        """The place in `serves` of the turn that serves a call, counted from 0."""
+        return serving(self.serves, call, self.schedule.at(call)[0])
 
     def averages(self, iteration: int) -> bool:
         """Whether the estimate of this iteration, counted from 1, is averaged with those before."""
         call = iteration - 1
-        return call >= 0 and self.serves[serving(self.serves, call, self.schedule.at(call)[0])].average
+        return call >= 0 and self.serves[self.place(call)].average
+
+    def held(self, iteration: int) -> bool:
+        """Whether the first estimate is still the one to return after this iteration, counted from 1."""
+        return self.holds and iteration > 0 and self.place(iteration - 1) < len(self.serves) - 1
 
     def describe(self) -> dict[str, Any]:
         """For `Result.settings`, as JSON can hold it: what the planned iterations do."""
         settled = max(self.serves[-1].begins, self.schedule.falls) + 1  # calls after which nothing changes
-        calls = [serving(self.serves, k, self.schedule.at(k)[0]) for k in range(min(self.iterations, settled))]
+        calls = [self.place(call) for call in range(min(self.iterations, settled))]
         sigma, rho = self.schedule.at(self.iterations - 1)
         return {
             "algorithm": self.algorithm,

@@ -56,30 +56,40 @@ class Stopping:
         self.plan, self.norm = plan, norm
         self.before: np.ndarray | None = None  # residual
         self.quiet = 0  # iterations in a row that have changed less than the tolerance
-        self.slowest = 0.0  # seconds of an iteration
-        self.ending = 0.0  # seconds that are left for what finishes the estimate
+        self.slowest = 0.0  # seconds of an iteration with the prior that serves
+        self.ending = 0.0  # seconds that are left for what finishes the estimate, where its pace is not known
 
     def reason(self, state: State, lasted: float, finishes: bool) -> Status | None:
         """Why to stop after this iterate, whose iteration lasted so many seconds; None if there is no reason.
 
-        Time for finishing is reserved: that of the slowest iteration, the first excluded.
+        The next iteration is expected to take as long as the slowest one with the same prior. Time for finishing is
+        reserved: where the plan does not know it, that of the slowest iteration, the first excluded.
         """
         if self.before is not None:
             change = length(state.residual - self.before) / self.norm
             small = state.iteration > self.plan.least and change < self.plan.tol
             self.quiet = self.quiet + 1 if small else 0
         self.before = state.residual
-        self.slowest = max(self.slowest, lasted)
-        if finishes and state.iteration > 1:  # the first one loads and compiles
-            self.ending = max(self.ending, lasted)
         if self.quiet >= TUNED.plateau:
             return Status.CONVERGED
         if state.iteration >= self.plan.iterations:
             return Status.ITERATIONS
         deadline = self.plan.deadline
-        if deadline is not None and time.perf_counter() + self.slowest + self.ending > deadline:
+        if deadline is not None and time.perf_counter() + self._needed(state, lasted, finishes) > deadline:
             return Status.TIME_BUDGET
         return None
+
+    def _needed(self, state: State, lasted: float, finishes: bool) -> float:
+        """Seconds for one more iteration, and for finishing."""
+        due = self.plan.place(state.iteration)
+        same = state.iteration == 0 or due == self.plan.place(state.iteration - 1)
+        self.slowest = max(self.slowest, lasted) if same else 0.0
+        if self.plan.paces:
+            known = self.plan.paces[due]
+            return max(self.slowest, known.slowest) + finishes * known.finish
+        if finishes and state.iteration > 1:  # the first one loads and compiles
+            self.ending = max(self.ending, lasted)
+        return self.slowest + self.ending
 
 
 def relative_residual(state: State, norm: float, saturated: np.ndarray | None) -> float:

@@ -29,10 +29,14 @@ def load(path: str | Path, name: str) -> tuple[Network, str]:
         If it is not a safetensors file, belongs to another prior, or its values do not match their hash.
     """
     tensors, metadata = weights.read(path, {"prior": name}, f"python -m priors.train {name}")
+    fields = weights.described(metadata, "architecture", tensors, path)
     try:
-        fields = json.loads(metadata["architecture"])
-        network = Network(Architecture(**{key: tuple(value) for key, value in fields.items()}))
-    except (AttributeError, KeyError, TypeError, ValueError) as error:
+        architecture = Architecture(**{key: tuple(map(int, value)) for key, value in fields.items()})
+    except (TypeError, ValueError) as error:
         raise FormatError(f"{path} has no valid architecture in its metadata: {error!r}") from error
+    widths, blocks = architecture.widths, architecture.blocks
+    if len(widths) != len(blocks) or not widths or sum(blocks) > len(tensors):
+        raise FormatError(f"{path} has {len(tensors)} tensors, which its {architecture} does not")
+    network = Network(architecture)
     weights.fill(network, tensors, path)
     return network.eval().to(memory_format=torch.channels_last), metadata["sha256"]  # type: ignore[call-overload]

@@ -129,6 +129,7 @@ def test_what_oneDNN_does_not_know_stays(other):
     [((32, 32), (64, 64)), ((33, 24), (37, 130)), ((40, 40), (6, 15)), ((32, 56), (1, 1)), ((64, 16), (5, 2))],
     ids=str,
 )
+@pytest.mark.threads
 @pytest.mark.parametrize("rectifier", [None, nn.ReLU(), nn.LeakyReLU(0.1)], ids=str)
 def test_a_convolution_by_fewer_products_is_the_same(channels, size, rectifier):
     """Winograd's against torch's in double precision, with a bias where something rectifies, else with a sum."""

@@ -16,6 +16,8 @@ from pnp_sci.accel.threads import limited
 from pnp_sci.errors import InputError
 from priors.motion import measure as motion
 
+pytestmark = pytest.mark.threads
+
 
 def test_all_are_limited_and_restored_afterwards():
     before, pools = numba.get_num_threads(), threadpool_info()

@@ -13,6 +13,7 @@ torch = pytest.importorskip("torch")
 save_file = pytest.importorskip("safetensors.torch").save_file
 unet = pytest.importorskip("priors.networks.unet")
 files = pytest.importorskip("priors.networks.files")
+weights_files = pytest.importorskip("pnp_sci.formats.weights")
 
 
 @pytest.fixture(scope="module")
@@ -25,9 +26,35 @@ def weights(tmp_path_factory):
     return folder
 
 
-def test_unknown_device(weights):
-    with pytest.raises(InputError, match="device: 'abacus'"):
-        ImageNet(weights / "ffdnet", device="abacus")
+@pytest.mark.parametrize("device", ["abacus", "meta", "privateuseone", "cuda:99"])
+def test_devices_that_cannot_compute(weights, device):
+    """Some are unknown; "meta" has tensors without values."""
+    with pytest.raises(InputError, match=f"device: '{device}'"):
+        ImageNet(weights / "ffdnet", device=device)
+
+
+TOO_MANY = '{"widths": [1, 1], "blocks": [3000000, 1]}'
+
+
+@pytest.mark.parametrize("architecture", [
+    "[]", "{}", "null", "7", "not JSON", "[" * 100_000, '{"widths": [-1], "blocks": [1]}',
+    '{"widths": [], "blocks": []}', '{"widths": 8, "blocks": 1}', '{"widths": ["a"], "blocks": [1]}', TOO_MANY,
+    '{"widths": [1000000], "blocks": [1]}', '{"widths": [1, 1], "blocks": [1]}', '{"widths": [1], "depths": [1]}',
+])  # fmt: skip
+def test_an_architecture_that_cannot_be(architecture, tmp_path):
+    """Refused before a network is made of it, which might take hours."""
+    tensors = {"a": torch.zeros(1).half()}
+    found = {"prior": "ffdnet", "architecture": architecture, "sha256": weights_files.fingerprint(tensors)}
+    save_file(tensors, tmp_path / "w", found)
+    with pytest.raises(FormatError):
+        files.load(tmp_path / "w", "ffdnet")
+
+
+@pytest.mark.parametrize("kind", [torch.bfloat16, torch.int8, torch.complex64, torch.bool])
+def test_values_of_another_type(kind, tmp_path):
+    save_file({"a": torch.zeros(1).to(kind)}, tmp_path / "w", {"prior": "ffdnet", "architecture": "{}", "sha256": ""})
+    with pytest.raises(FormatError, match="float16"):
+        files.load(tmp_path / "w", "ffdnet")
 
 
 def test_weights_are_read_once_and_again_when_the_file_has_changed(weights, tmp_path):

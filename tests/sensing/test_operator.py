@@ -168,6 +168,7 @@ def test_memory_order_and_dtype_of_the_input(dtype, order):
     assert all(np.array_equal(p, q) for p, q in zip(odd, before))
 
 
+@pytest.mark.threads
 @pytest.mark.parametrize("shape", [(1, 1, 1, 1001), (1, 1, 1, 1_000_003), (2, 5, 61, 173)])
 def test_parallel_kernels_agree_with_serial_ones(shape):
     """Pixels beyond the last whole block, for few and for many threads."""

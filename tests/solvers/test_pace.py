@@ -1,0 +1,96 @@
+"""Time budgets: what cannot be finished is not begun, and a decoder's estimate is kept until the prior has served."""
+
+import time
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from made_priors import Made
+
+import pnp_sci
+from pnp_sci import SensingOperator, Status, Traits, datasets, register_decoder, solve
+from pnp_sci.solvers import pace as paces
+from pnp_sci.solvers.plan import Pace, make_plan
+from pnp_sci.solvers.stopping import Stopping
+
+WARM = Traits(strong=True, warmup=(Made(), 4))
+
+
+@pytest.fixture(scope="module")
+def scene():
+    return datasets.embedded_scene(64)
+
+
+def solved(prior, **options):
+    scene = datasets.embedded_scene(64)
+    return solve(scene.y, scene.masks, prior, scene="full", iterations=30, tol=0, **options)
+
+
+def sleeping(seconds, **known):
+    return Made(lambda v, sigma: (time.sleep(seconds), v)[1], known=Traits(strong=True, **known))
+
+
+def test_a_strong_prior_that_would_miss_the_deadline_is_not_begun():
+    """Each of its calls takes longer than the whole budget, warm-up calls none."""
+    slow = sleeping(0.7, warmup=(Made(), 4))
+    paces.pace(
+        slow, SensingOperator(datasets.embedded_scene(64).masks), datasets.embedded_scene(64).y, 9
+    )  # tried before
+    result = solved(slow, time_budget=0.6)
+    assert result.status is Status.TIME_BUDGET
+    assert result.history[-1].iteration == 4
+
+
+@pytest.mark.parametrize(("left", "stops"), [(3.5, False), (2.5, True)])
+def test_time_for_the_next_prior_and_its_finish_must_be_left(left, stops):
+    made = make_plan(SensingOperator(np.ones((1, 1, 2, 2))), 0.0, Made(known=WARM), tol=0.0)
+    made = replace(made, deadline=time.perf_counter() + left, paces=(Pace(0.1, 0.1), Pace(2.0, 0.5, 1.0)))
+    stopping = Stopping(made, 2.0)
+    state = next(
+        pnp_sci.iterate(SensingOperator(np.ones((1, 1, 2, 2))), np.ones((2, 2)), "none", np.ones((1, 1, 2, 2)))
+    )
+    found = [stopping.reason(replace(state, iteration=n), 0.1, True) for n in range(5)]
+    assert found[:4] == [None] * 4
+    assert (found[4] is Status.TIME_BUDGET) == stops
+
+
+def test_after_a_decoder_a_deadline_leaves_no_warm_up():
+    op = SensingOperator(np.ones((1, 1, 2, 2)))
+    made = make_plan(op, 0.0, Made(known=WARM), deadline=time.perf_counter() + 60)
+    after = paces.in_time(made, op, np.ones((2, 2)), WARM, decoded=True)
+    assert [turn.begins for turn in after.serves] == [0]
+    assert after.iterations == made.iterations - 4, "as many calls of the strong prior"
+    assert [turn.begins for turn in paces.in_time(made, op, np.ones((2, 2)), WARM, decoded=False).serves] == [0, 4]
+
+
+def test_a_decoders_estimate_is_returned_until_the_prior_has_served(scene):
+    """Whatever the warm-up makes of it, and whenever the run ends."""
+    register_decoder("truth", lambda: lambda problem, model: (scene.truth / problem.unit).astype(np.float32))
+    spoils = Made(lambda v, sigma: 0 * v)
+    prior = Made(known=Traits(strong=True, warmup=(spoils, 3)))
+    for iterations in (1, 2, 3, 5):
+        result = solve(scene.y, scene.masks, prior, init="truth", iterations=iterations, scene="full", tol=0)
+        assert np.allclose(result.x, scene.truth, atol=1e-5) == (iterations <= 3)
+        assert len(result.history) == iterations + 1
+
+
+def test_a_decoder_that_would_miss_the_deadline_gives_way_and_it_is_said(scene):
+    def slow(problem, model):
+        time.sleep(0.4)
+        return np.ones(problem.op.shape, np.float32)
+
+    register_decoder("slow", lambda: slow)
+    solve(scene.y, scene.masks, init="slow", iterations=1)
+    solve(scene.y, scene.masks, init="slow", iterations=1)  # a warm run, whose time counts
+    result = solved("tv", init="slow", time_budget=0.3)
+    assert result.settings["init"] == "adjoint"
+    assert any("init: 'slow'" in remark for remark in result.remarks)
+    assert solved("tv", init="slow", time_budget=60.0).settings["init"] == "slow"
+
+
+def test_the_judge_of_scenes_ends_an_estimate_in_time(scene):
+    from pnp_sci.scene.judge import _predictions
+
+    op = SensingOperator(scene.masks)
+    with pytest.raises(TimeoutError):
+        next(_predictions(op, scene.y, np.ones(scene.y.shape, bool), 0.0, pnp_sci.as_prior("tv"), 50, until=0.0))
