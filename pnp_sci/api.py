@@ -49,6 +49,7 @@ def solve(
     threads: int | None = None,
     seed: int = 0,
     register: bool | Registration = False,
+    uncertainty: bool = False,
     **prior_options: Any,
 ) -> Result:
     """Recover the video of every view from one coded picture.
@@ -86,6 +87,8 @@ def solve(
         Progress bar; where networks run, such as "cuda"; CPU threads at most; for priors that draw random numbers.
     register : bool or Registration
         First move the masks to where y has them, and subtract the black level: :func:`pnp_sci.register`.
+    uncertainty : bool
+        Whether to predict the error of each pixel, `Result.uncertainty`. It takes a second solve.
     **prior_options
         For the prior's constructor, such as ``strength=2.0``.
 
@@ -109,7 +112,7 @@ def solve(
     return solve_all(y, masks, reference, peak, dict(
         prior=prior, prior_options=prior_options, init=init, algorithm=algorithm, effort=effort, scene=scene, bad=bad,
         iterations=iterations, noise=noise, sigma=sigma, tol=tol, time_budget=time_budget, callback=callback,
-        progress=progress, device=device, threads=threads, seed=seed, register=register,
+        progress=progress, device=device, threads=threads, seed=seed, register=register, uncertainty=uncertainty,
     ))  # fmt: skip
 
 

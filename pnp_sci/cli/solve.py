@@ -41,6 +41,7 @@ from pnp_sci.cli.outputs import SAVED, SHOWN, print_scores, save_somewhere
 @click.option("--time-budget", type=click.FloatRange(min=0, min_open=True), help="Seconds to stop after.")
 @click.option("--device", help="For priors that are networks, such as cuda.")
 @click.option("--threads", type=click.IntRange(min=1), help="At most so many.  [default: one a core]")
+@click.option("--uncertainty", is_flag=True, help="Predict the error of each pixel: twice the time.")
 @click.option("--seed", default=0, show_default=True)
 @click.option("--option", "options", multiple=True, metavar="KEY=VALUE", help="Option of the prior; may be repeated.")
 @click.option("--reference", type=FILE, help="File with the true video, to score the result.")

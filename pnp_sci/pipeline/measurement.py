@@ -20,7 +20,7 @@ from pnp_sci.results.history import Record, Status
 from pnp_sci.scene.choose import choose_scene
 from pnp_sci.sensing.operator import SensingOperator
 from pnp_sci.sensing.problem import Problem, level
-from pnp_sci.sensing.scene_model import full
+from pnp_sci.sensing.scene_model import SceneModel, full
 from pnp_sci.solvers.iterate import ALGORITHMS, states
 from pnp_sci.solvers.pace import in_time, remember
 from pnp_sci.solvers.plan import make_plan
@@ -60,6 +60,7 @@ class Outcome:
     start: str
     shares: list[float]
     weights: list[str]
+    model: SceneModel | None = None
 
 
 def reconstruct(
@@ -115,7 +116,7 @@ def reconstruct(
     found = described | counts(problem)
     found["remarks"] += truth.remarks(out, n) if truth else []
     weights = list(facts.get("weights", []))
-    return Outcome(problem, status, records, found, plan.describe(), name, finish.shares, weights)
+    return Outcome(problem, status, records, found, plan.describe(), name, finish.shares, weights, scene)
 
 
 class _Finish:

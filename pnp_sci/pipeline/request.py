@@ -42,6 +42,7 @@ class Request:
     threads: int | None
     seed: int
     register: bool | Registration
+    uncertainty: bool
 
     def settings(self) -> dict[str, Any]:
         """For `Result.settings`."""
@@ -59,6 +60,7 @@ class Request:
             "threads": self.threads,
             "seed": self.seed,
             "register": bool(self.register),
+            "uncertainty": self.uncertainty,
         }
 
 
@@ -83,6 +85,7 @@ def check_request(
     threads: Any,
     seed: Any,
     register: Any,
+    uncertainty: Any,
 ) -> Request:
     """The request for `count` measurements with this operator; errors name the argument."""
     sensor = check_noise(noise)
@@ -96,6 +99,7 @@ def check_request(
     sigma = None if sigma is None else finite_number("sigma", sigma)
     instance("callback", callback, Callable)  # type: ignore[arg-type]
     instance("progress", progress, bool)
+    instance("uncertainty", uncertainty, bool)
     instance("device", device, str)
     instance("register", register, bool, Registration)
     counted = effort
@@ -106,7 +110,7 @@ def check_request(
     made = as_prior(prior, device=device, seed=seed, **prior_options)
     return Request(
         made, describe(prior, made), prior_options, init, algorithm, effort, counted, scene, iterations, sensor, sigma,
-        tol, time_budget, device, threads, seed, register,
+        tol, time_budget, device, threads, seed, register, uncertainty,
     )  # fmt: skip
 
 

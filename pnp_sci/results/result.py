@@ -37,6 +37,9 @@ class Result:
         What reproduces it: options, versions, seed, hashes of the input. Holds what JSON can hold.
     scenes : list of dict
         What was found of the scene of each measurement, and what was modelled of it; see also :attr:`scene`.
+    uncertainty : ndarray of float32, like x, or None
+        Predicted root mean square error of each pixel, in the units of x, where it was asked for. NaN where it is not
+        known: the remarks say why.
 
     Examples
     --------
@@ -49,6 +52,7 @@ class Result:
     history: History
     settings: dict[str, Any]
     scenes: list[dict[str, Any]] = field(default_factory=list)
+    uncertainty: np.ndarray | None = None
 
     def __array__(self, dtype: Any = None, copy: bool | None = None) -> np.ndarray:
         return np.array(self.x, dtype) if copy else np.asarray(self.x, dtype)
@@ -96,7 +100,7 @@ class Result:
 
         A write that is interrupted leaves nothing behind, and the file that was there before as it was.
         """
-        storage.save(Path(path), self.x, self.status, self.history, self.settings, self.scenes)
+        storage.save(Path(path), self.x, self.status, self.history, self.settings, self.scenes, self.uncertainty)
 
     @classmethod
     def load(cls, path: str | Path) -> Result:

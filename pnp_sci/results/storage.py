@@ -22,10 +22,20 @@ _EARLIER_STATUSES = {  # sentences that older files hold
 }
 
 
-def save(path: Path, x: np.ndarray, status: Status, history: History, settings: dict, scenes: list[dict]) -> None:
+def save(
+    path: Path,
+    x: np.ndarray,
+    status: Status,
+    history: History,
+    settings: dict,
+    scenes: list[dict],
+    uncertainty: np.ndarray | None = None,
+) -> None:
     """Write the fields of a result whole, or not at all."""
     _check_suffix(path)
     arrays = {"x": x, "history": history.table()}
+    if uncertainty is not None:
+        arrays["uncertainty"] = uncertainty
     texts = {
         "status": status.value,
         "history_columns": json.dumps(History.names),
@@ -75,7 +85,15 @@ def _fields(parts: Mapping[str, Any]) -> dict[str, Any]:
         "history": History.from_table(parts["history"]),
         "settings": settings,
         "scenes": scenes,
+        "uncertainty": _errors_of(x, parts.get("uncertainty")),
     }
+
+
+def _errors_of(x: np.ndarray, errors: np.ndarray | None) -> np.ndarray | None:
+    """The predicted errors of x, where the file holds any."""
+    if errors is not None and (errors.shape != x.shape or errors.dtype.kind != "f"):
+        raise FormatError(f"uncertainty is {errors.dtype} {errors.shape}: the shape of x {x.shape} was expected")
+    return errors
 
 
 def _earlier_scenes(text: Any) -> list[dict[str, Any]]:
@@ -114,4 +132,4 @@ def _parts(path: Path) -> dict[str, np.ndarray]:
     """Arrays and, as bytes, texts."""
     with hdf5.h5py().File(path, "r") as file:
         texts = {key: np.frombuffer(str(text).encode(), np.uint8) for key, text in file.attrs.items()}
-        return texts | {key: np.asarray(file[key]) for key in ("x", "history")}
+        return texts | {key: np.asarray(file[key]) for key in ("x", "history", "uncertainty") if key in file}

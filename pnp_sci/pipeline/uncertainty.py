@@ -1,0 +1,75 @@
+"""How large the errors of a result are, from pixels of y that a second estimate has not seen."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import replace
+
+import numpy as np
+
+from pnp_sci.sensing.problem import Problem, without
+
+HELD_BACK = 0.1  # part of the pixels of y
+FEWEST = 100  # pixels that must be held back
+WIDTH = 2.0  # pixels: standard deviation of the Gaussian mean around a pixel
+SHARED = 0.5  # part of the variance that all frames at a pixel share: docs/results/uncertainty.md
+
+Estimate = Callable[[Problem], np.ndarray]
+
+
+def uncertainty(problem: Problem, x: np.ndarray, estimate: Estimate, seed: int = 0) -> np.ndarray | None:
+    """Root mean square error that is expected of each pixel of x (V, B, H, W), in the problem's units.
+
+    A tenth of the pixels of y is held back, and the video is estimated again from the others. Errors are large where
+    the two videos differ and where x changes in space or time: with d and g, means around a pixel of the squared
+    difference and of the squared gradient, the variance is in proportion to ``sqrt(d g)``. One equation binds all
+    frames at a pixel, so that they share half of it: what is wrong in one is wrong in the others. What the second video
+    predicts of the held-back pixels has errors of the variance ``sum(masks^2 variance) + noise^2``. This determines the
+    factor.
+
+    Parameters
+    ----------
+    problem : Problem
+    x : ndarray, (V, B, H, W)
+    estimate : callable
+        The video (V, B, H, W) of a problem, made as x was made.
+    seed : int
+        Of the choice of pixels.
+
+    Returns
+    -------
+    ndarray of float32, (V, B, H, W), or None
+        None if too few pixels can be held back, or an estimate is not finite.
+    """
+    op, y = problem.op, problem.y
+    usable = op.gram > 0 if problem.saturated is None else (op.gram > 0) & ~problem.saturated
+    hidden = usable & (np.random.default_rng(seed).random(y.shape) < HELD_BACK)
+    if hidden.sum() < FEWEST:
+        return None
+    second = estimate(without_pixels(problem, hidden))
+    if not (np.isfinite(second).all() and np.isfinite(x).all()):
+        return None
+    pattern = np.sqrt(_around((x - second) ** 2) * _around(_gradient(x)))
+    pattern += SHARED * (pattern.mean((0, 1)) - pattern)
+    squares = (y - op.forward(second))[hidden].astype(np.float64) ** 2
+    noise = np.broadcast_to(np.square(problem.noise, dtype=np.float64), y.shape)[hidden]
+    shown = np.einsum("vbp,vbp->", op.masks[..., hidden].astype(np.float64) ** 2, pattern[..., hidden])
+    factor = max(float((squares - noise).sum()), 0.0) / max(float(shown), np.finfo(np.float64).tiny)
+    return np.sqrt(factor * pattern).astype(np.float32)
+
+
+def without_pixels(problem: Problem, hidden: np.ndarray) -> Problem:
+    """The problem as it is without the pixels that are hidden (H, W)."""
+    return replace(problem, op=without(problem.op, hidden), y=problem.y * ~hidden)
+
+
+def _around(values: np.ndarray) -> np.ndarray:
+    from scipy.ndimage import gaussian_filter
+
+    return gaussian_filter(values.astype(np.float64), (0, 0, WIDTH, WIDTH), mode="nearest")
+
+
+def _gradient(x: np.ndarray) -> np.ndarray:
+    """Squared differences to the next frame, row and column."""
+    axes = [axis for axis in (1, 2, 3) if x.shape[axis] > 1]
+    return np.sum([np.gradient(x, axis=axis) ** 2 for axis in axes], axis=0) if axes else np.ones_like(x)
