@@ -27,6 +27,7 @@ from pnp_sci.cli.outputs import SAVED, SHOWN, print_scores, save_somewhere
 @click.command(cls=Command)
 @click.argument("measurement", type=FILE)
 @click.option("--masks", "masks_file", type=FILE, help="File with the masks.  [default: the measurement's]")
+@click.option("--calibration", type=FILE, help="File of `pnp-sci calibrate`: masks, dark frame, bad pixels.")
 @click.option("--views", type=click.IntRange(min=1), help="How many views share the planes of the masks.")
 @click.option("--key", help="Name of the measurement in its file, where it cannot be told.")
 @click.option("--masks-key", help="Name of the masks in their file, where it cannot be told.")
@@ -54,6 +55,7 @@ from pnp_sci.cli.outputs import SAVED, SHOWN, print_scores, save_somewhere
 def solve(
     measurement: Path,
     masks_file: Path | None,
+    calibration: Path | None,
     views: int | None,
     key: str | None,
     masks_key: str | None,
@@ -78,10 +80,11 @@ def solve(
     """
     prior_options, stages = _pairs(options), _prior(prior)
     sensor = camera(noise, gain, full_scale, bits)
-    from pnp_sci import api, io
+    from pnp_sci import Calibration, api, io
 
-    masks = masks_for(measurement, masks_file, views, masks_key)
+    masks = masks_for(measurement, masks_file or calibration, views, masks_key)
     y = io.read_measurement(measurement, key)
+    y = y if calibration is None else Calibration.load(calibration).correct(y)
     truth = None if reference is None else usable_truth(reference, masks.shape, y.ndim == 3, reference_key, peak)
     if index is not None:
         y, truth = one_of(y, truth, index)

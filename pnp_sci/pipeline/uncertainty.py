@@ -12,6 +12,7 @@ from pnp_sci.sensing.problem import Problem, without
 HELD_BACK = 0.1  # part of the pixels of y
 FEWEST = 100  # pixels that must be held back
 WIDTH = 2.0  # pixels: standard deviation of the Gaussian mean around a pixel
+SURELY = 0.95  # part of the estimated variance of the noise: texture looks like noise
 SHARED = 0.5  # part of the variance that all frames at a pixel share: docs/results/uncertainty.md
 
 Estimate = Callable[[Problem], np.ndarray]
@@ -24,8 +25,8 @@ def uncertainty(problem: Problem, x: np.ndarray, estimate: Estimate, seed: int =
     the two videos differ and where x changes in space or time: with d and g, means around a pixel of the squared
     difference and of the squared gradient, the variance is in proportion to ``sqrt(d g)``. One equation binds all
     frames at a pixel, so that they share half of it: what is wrong in one is wrong in the others. What the second video
-    predicts of the held-back pixels has errors of the variance ``sum(masks^2 variance) + noise^2``. This determines the
-    factor.
+    predicts of the held-back pixels has errors of the variance ``sum(masks^2 variance)`` beyond the noise, which
+    determines the factor.
 
     Parameters
     ----------
@@ -54,7 +55,7 @@ def uncertainty(problem: Problem, x: np.ndarray, estimate: Estimate, seed: int =
     squares = (y - op.forward(second))[hidden].astype(np.float64) ** 2
     noise = np.broadcast_to(np.square(problem.noise, dtype=np.float64), y.shape)[hidden]
     shown = np.einsum("vbp,vbp->", op.masks[..., hidden].astype(np.float64) ** 2, pattern[..., hidden])
-    factor = max(float((squares - noise).sum()), 0.0) / max(float(shown), np.finfo(np.float64).tiny)
+    factor = max(float((squares - SURELY * noise).sum()), 0.0) / max(float(shown), np.finfo(np.float64).tiny)
     return np.sqrt(factor * pattern).astype(np.float32)
 
 

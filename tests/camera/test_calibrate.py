@@ -153,3 +153,7 @@ def test_command(tmp_path, monkeypatch):
     assert "contrast" in done.output
     assert io.read_masks("calibration.npz").shape == (V, B, SIDE, SIDE)
     assert (tmp_path / "report.png").stat().st_size > 1000
+    io.write("raw.tif", raw[0, 0, 0])
+    done = CliRunner().invoke(main, ["solve", "raw.tif", "--calibration", "calibration.npz", "--iterations", "2"])
+    assert done.exit_code == 0, done.output
+    assert pnp_sci.Result.load("result.npz").x.shape == (V, B, SIDE, SIDE)
