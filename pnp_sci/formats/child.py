@@ -15,7 +15,7 @@ import numpy as np
 
 from pnp_sci.errors import FormatError
 
-PATIENCE = 8.0  # seconds for a file, besides one for each SPEED bytes
+PATIENCE = 4.0  # seconds for a file, besides one for each SPEED bytes
 SPEED = 10e6
 
 

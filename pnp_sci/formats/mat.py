@@ -65,8 +65,8 @@ def _parts(name: str, value: Any) -> Iterator[tuple[str, np.ndarray]]:
                 yield from _parts(f"{name}.{field}" if value.size == 1 else f"{name}[{n}].{field}", record[field])
     elif value.dtype == object:
         items = value.ravel().tolist()
-        alike = {(a.shape, a.dtype.str) for a in items if isinstance(a, np.ndarray) and a.dtype.kind in "biufc"}
-        if len(alike) == 1 and len(items) > 1:
+        numeric = [a for a in items if isinstance(a, np.ndarray) and a.dtype.kind in "biufc"]
+        if 1 < len(items) == len(numeric) and len({(a.shape, a.dtype.str) for a in numeric}) == 1:
             yield from _parts(name, np.stack(items, -1))
         else:
             for n, item in enumerate(items):
