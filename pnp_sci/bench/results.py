@@ -40,7 +40,7 @@ class Results:
 
     def __init__(self, path: str | Path):
         self.path = Path(path)
-        self._lock = FileLock(f"{self.path}.lock")
+        self._lock = FileLock(self.path.with_name(f".{self.path.name}.lock"))
         self.rows: list[Row] = []
         self._read()
         if self.rows and not self.path.with_suffix(".csv").exists():

@@ -77,8 +77,9 @@ def check_all(
     op: SensingOperator, measurements: np.ndarray, sensor: Sensor, bad: np.ndarray | None, warn_of_bad: bool = True
 ) -> list[Fit]:
     """How each of the measurements (N, H, W) fits the masks; `bad` is (N, H, W) or None."""
-    masks = Masks(op)
-    fits = [masks.fit(y, sensor, None if bad is None else bad[n], warn_of_bad) for n, y in enumerate(measurements)]
+    with np.errstate(all="ignore"):  # extreme numbers make no rule true
+        masks = Masks(op)
+        fits = [masks.fit(y, sensor, None if bad is None else bad[n], warn_of_bad) for n, y in enumerate(measurements)]
     lit = np.asarray(measurements.any((1, 2)))
     if not lit.all() and lit.any():
         lost = Finding("missing", "y is 0 everywhere, other measurements are not", "its file may be incomplete")

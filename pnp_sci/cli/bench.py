@@ -2,13 +2,17 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterable
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import click
 
 from pnp_sci.cli.inputs import FOLDER, Command, Output, interactive
 from pnp_sci.errors import SolverError
+
+if TYPE_CHECKING:
+    from pnp_sci.bench import Case, Method, Results, Row
 
 
 def _numbers(kind: type) -> object:
@@ -83,18 +87,7 @@ def bench(
             (case, method) for case in table.expand(_words(cases), noise, frames, **of_files) for method in methods
         ]
     results = table.Results(out) if out is not None else None
-    rows, failures = [], []
-    for case, method in tqdm(pairs, "bench", disable=not interactive()):
-        row = results.find(case, method, repeat) if results else None
-        if row is None:
-            try:
-                row = table.run(case, method, repeat)
-            except SolverError as error:
-                failures.append(str(error))
-                continue
-            if results:
-                results.add(row)
-        rows.append(row)
+    rows, failures = _measured(tqdm(pairs, "bench", disable=not interactive()), results, repeat)
     if paper:
         written = tables.write(markdown or Path("docs/results"), rows)
         click.echo(f"Written: {', '.join(map(str, written))}")
@@ -109,6 +102,27 @@ def bench(
         click.echo(table.front_table(found))
     if failures:
         raise click.ClickException("\n".join(failures))
+
+
+def _measured(
+    pairs: Iterable[tuple[Case, Method]], results: Results | None, repeat: int
+) -> tuple[list[Row], list[str]]:
+    """Rows of cases and methods, those kept in `results` or new ones, and what went wrong."""
+    from pnp_sci.bench import run
+
+    rows, failures = [], []
+    for case, method in pairs:
+        row = results.find(case, method, repeat) if results else None
+        if row is None:
+            try:
+                row = run(case, method, repeat)
+            except SolverError as error:
+                failures.append(str(error))
+                continue
+            if results:
+                results.add(row)
+        rows.append(row)
+    return rows, failures
 
 
 def _words(text: str) -> list[str]:

@@ -30,9 +30,9 @@ def calibrate(
     out: Path,
     report: Path | None,
 ) -> None:
-    """Make masks from raw PATTERNS, a file or folder of pictures for each view.
+    """Make masks from raw PATTERNS, a file for each view.
 
-    Repeats of a pattern follow one another. Prints how good the masks are.
+    A folder of pictures counts as a file. Repeats of a pattern follow one another. Prints how good the masks are.
     """
     import numpy as np
 

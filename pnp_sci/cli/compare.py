@@ -53,10 +53,6 @@ def compare(
     index: int | None,
     truth_file: Path | None,
     reference_key: str | None,
-    priors: str,
-    inits: str,
-    algorithms: str,
-    efforts: str,
     iterations: int | None,
     bad: str | None,
     noise: str,
@@ -68,6 +64,7 @@ def compare(
     title: str | None,
     html_file: Path | None,
     json_file: Path | None,
+    **grid: str,
 ) -> None:
     """Compare methods on MEASUREMENT.
 
@@ -88,7 +85,7 @@ def compare(
     result = bench.compare(
         y,
         masks,
-        bench.grid(priors.split(","), inits.split(","), algorithms.split(","), efforts.split(","), iterations),
+        bench.grid(iterations=iterations, **{name: words.split(",") for name, words in grid.items()}),
         reference=truth,
         source=bench.Source(measurement, masks_file or measurement, views, key, masks_key, index, bad),
         progress=interactive(),

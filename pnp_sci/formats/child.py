@@ -32,14 +32,16 @@ def apart(work: Callable[[], Mapping[str, np.ndarray]], size: int) -> dict[str, 
     if not hasattr(os, "fork"):
         return dict(work())
     with tempfile.TemporaryFile() as result:
+        limit = PATIENCE + size / SPEED
         ended, alive = os.pipe()
         with warnings.catch_warnings():
             warnings.simplefilter("ignore", DeprecationWarning)  # of threads, which the child does not use
             child = os.fork()
         if child == 0:
+            signal.signal(signal.SIGALRM, signal.SIG_DFL)
+            signal.alarm(int(limit) + 1)  # it ends even where nobody waits for it any more
             _serve(work, result)
         os.close(alive)  # the child has the other end: it closes with the process
-        limit = PATIENCE + size / SPEED
         in_time = bool(select.select([ended], [], [], limit)[0])
         os.close(ended)
         if not in_time:

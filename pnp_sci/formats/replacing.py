@@ -55,7 +55,7 @@ def _place(path: Path) -> Path:
     """Where the file behind `path` is or will be, links followed; an error if nothing can be written there."""
     place = Path(os.path.realpath(path))
     if not place.parent.is_dir():
-        raise FileNotFoundError(f"{path}: there is no folder {place.parent}")
+        raise FileNotFoundError(f"{path}: there is no folder {(place if path.is_symlink() else path).parent}")
     if place.is_dir() and (path.suffix or any(place.iterdir())):
         raise FileExistsError(f"{path} is a folder{'' if path.suffix else ' that is not empty'}: remove it first")
     if place.is_file() and not (place.stat().st_mode & 0o222 and os.access(place, os.W_OK)):

@@ -12,7 +12,7 @@ from pnp_sci.sensing.problem import Problem, without
 HELD_BACK = 0.1  # part of the pixels of y
 FEWEST = 100  # pixels that must be held back
 WIDTH = 2.0  # pixels: standard deviation of the Gaussian mean around a pixel
-SURELY = 0.95  # part of the estimated variance of the noise: texture looks like noise
+LOWEST = 0.1  # part of the held-back pixels in which errors are smallest
 SHARED = 0.5  # part of the variance that all frames at a pixel share: docs/results/uncertainty.md
 
 Estimate = Callable[[Problem], np.ndarray]
@@ -54,9 +54,23 @@ def uncertainty(problem: Problem, x: np.ndarray, estimate: Estimate, seed: int =
     pattern += SHARED * (pattern.mean((0, 1)) - pattern)
     squares = (y - op.forward(second))[hidden].astype(np.float64) ** 2
     noise = np.broadcast_to(np.square(problem.noise, dtype=np.float64), y.shape)[hidden]
-    shown = np.einsum("vbp,vbp->", op.masks[..., hidden].astype(np.float64) ** 2, pattern[..., hidden])
-    factor = max(float((squares - SURELY * noise).sum()), 0.0) / max(float(shown), np.finfo(np.float64).tiny)
-    return np.sqrt(factor * pattern).astype(np.float32)
+    shown = np.einsum("vbp,vbp->p", op.masks[..., hidden].astype(np.float64) ** 2, pattern[..., hidden])
+    return np.sqrt(_slope(squares, shown, float(noise.mean())) * pattern).astype(np.float32)
+
+
+def _slope(squares: np.ndarray, shown: np.ndarray, noise: float) -> float:
+    """The k of the line ``k shown + n`` through squared errors; n is the variance of the noise, or less.
+
+    Texture counts as noise in part. What is left of n where the video has the smallest errors bounds it: a line through
+    the means of all pixels and of a tenth of them.
+    """
+    if not shown.any():
+        return 0.0
+    low = shown <= np.quantile(shown, LOWEST)
+    run = shown.mean() - shown[low].mean()
+    rise = squares.mean() - squares[low].mean()
+    intercept = squares.mean() - rise / run * shown.mean() if run > 0 else noise
+    return float((squares.mean() - np.clip(intercept, 0, noise)) / shown.mean())
 
 
 def without_pixels(problem: Problem, hidden: np.ndarray) -> Problem:

@@ -135,7 +135,7 @@ def test_results_are_kept_and_found_again(tmp_path):
         ("flow", "5", "20.0", ""),
         ("flow", "10", "22.0", "0.6"),
     ]
-    assert sorted(p.name for p in tmp_path.iterdir()) == ["results.csv", "results.json"]
+    assert sorted(p.name for p in tmp_path.glob("[!.]*")) == ["results.csv", "results.json"]
 
 
 @pytest.mark.parametrize("text", ["", "[]", "{}", '{"rows": [{}]}', '{"rows": 3}'])

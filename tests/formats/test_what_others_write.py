@@ -56,7 +56,13 @@ def test_cells_sparse_and_complex_arrays(tmp_path):
     cell = np.empty((1, 4), object)
     cell[0] = [MASKS[..., n].astype(float) for n in range(4)]
     mixed = np.array([Y, "words", Y[:3]], object)
-    content = {"mask": cell, "mixed": mixed, "meas": Y + 1e-17j, "truly": Y * (1 + 1j), "few": scipy.sparse.csc_array(Y > 0.9)}
+    content = {
+        "mask": cell,
+        "mixed": mixed,
+        "meas": Y + 1e-17j,
+        "truly": Y * (1 + 1j),
+        "few": scipy.sparse.csc_array(Y > 0.9),
+    }
     scipy.io.savemat(tmp_path / "a.mat", content)
     np.testing.assert_array_equal(io.read_masks(tmp_path / "a.mat")[0], MASKS.transpose(2, 0, 1))
     np.testing.assert_array_equal(io.read_measurement(tmp_path / "a.mat"), Y)

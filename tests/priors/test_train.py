@@ -53,8 +53,8 @@ def test_command_line_writes_weights_curves_and_card(folder, tmp_path):
 def test_training_goes_on_from_other_weights(folder, tmp_path):
     first = tmp_path / "first.safetensors"
     common = ["ffdnet", "--data", str(folder), "--steps", "1", "--crop", "16", "--batch", "1"]
-    for more in (["--weights", str(first)], ["--start", str(first), "--seed", "1"]):
-        result = CliRunner().invoke(cli.main, [*common, "--out", str(tmp_path / "run"), *more], catch_exceptions=False)
+    for run, more in {"one": ["--weights", str(first)], "run": ["--start", str(first), "--seed", "1"]}.items():
+        result = CliRunner().invoke(cli.main, [*common, "--out", str(tmp_path / run), *more], catch_exceptions=False)
         assert result.exit_code == 0, result.output
     begun, gone_on = (files.load(path, "ffdnet")[0] for path in (first, tmp_path / "run" / "ffdnet.safetensors"))
     for one, other in zip(begun.parameters(), gone_on.parameters()):

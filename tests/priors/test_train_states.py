@@ -68,6 +68,7 @@ def test_solves_need_weights_and_are_on_the_card(folder, tmp_path):
     start = tmp_path / "start.safetensors"
     common = ["ffdnet", "--data", str(folder), "--steps", "2", "--crop", "32", "--batch", "2", "--out", str(tmp_path)]
     common += ["--validations", "2"]
+    finished = tmp_path / "checkpoint.pt"
     for more, message in (
         (["--solves", "1"], "solves: weights to --start from"),
         (["--solves", "1", "--start", str(start), "--crop", "31"], "crop is 31: 32 pixels at least"),
@@ -78,6 +79,7 @@ def test_solves_need_weights_and_are_on_the_card(folder, tmp_path):
     for more in (["--weights", str(start)], ["--start", str(start), "--solves", "1"]):
         result = CliRunner().invoke(cli.main, [*common, *more], catch_exceptions=False)
         assert result.exit_code == 0, result.output
+        finished.unlink()
     card = (tmp_path / "ffdnet.md").read_text()
     assert "--start start.safetensors --solves 1" in card
     frames = int(card.split(" such frames")[0].split()[-1])

@@ -136,12 +136,6 @@ def test_masks_of_any_dtype(dtype):
     np.testing.assert_allclose(op.forward(x), (masks.astype(float) * x).sum((0, 1)), rtol=1e-5, atol=1e-5)
 
 
-def test_compact_masks_are_not_copied():
-    for dtype in (bool, np.uint8):
-        masks = np.ones((2, 3, 4, 5), dtype)
-        assert np.shares_memory(SensingOperator(masks, np.float64).masks, masks)
-
-
 def test_three_dimensions_are_one_view():
     masks = np.random.default_rng(0).random((3, 4, 5))
     assert SensingOperator(masks).shape == (1, 3, 4, 5)
