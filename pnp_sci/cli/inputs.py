@@ -122,14 +122,17 @@ def masks_for(measurement: Path, masks_file: Path | None, views: int | None, key
 
 
 def usable_truth(
-    file: Path, shape: tuple[int, ...], several: bool, key: str | None, peak: float | None
+    file: Path, shape: tuple[int, ...], count: int | None, key: str | None, peak: float | None
 ) -> np.ndarray | None:
-    """As :func:`true_video`, but a truth that cannot be used is left out with a warning: the result needs none."""
+    """As :func:`true_video`, but a truth that cannot be used is left out with a warning: the result needs none.
+
+    `count` is the number of measurements, None for one alone.
+    """
     from pnp_sci.pipeline.reference import Reference
 
     try:
-        truth = true_video(file, shape, several, key)
-        Reference(truth, truth.shape if several else (1, *shape), peak)
+        truth = true_video(file, shape, count is not None, key)
+        Reference(truth, (count or 1, *shape), peak)
     except (InputError, InputTypeError, FormatError) as error:
         click.echo(f"Warning: --reference is left out: {error}", err=True)
         return None

@@ -19,8 +19,9 @@ from pnp_sci.cli.inputs import (
     interactive,
     masks_for,
     one_of,
+    true_video,
     usable_truth,
-)  # fmt: skip
+)
 from pnp_sci.cli.outputs import SAVED, SHOWN, print_scores, save_somewhere
 
 
@@ -85,9 +86,12 @@ def solve(
     masks = masks_for(measurement, masks_file or calibration, views, masks_key)
     y = io.read_measurement(measurement, key)
     y = y if calibration is None else Calibration.load(calibration).correct(y)
-    truth = None if reference is None else usable_truth(reference, masks.shape, y.ndim == 3, reference_key, peak)
     if index is not None:
-        y, truth = one_of(y, truth, index)
+        whole = None if reference is None else true_video(reference, masks.shape, y.ndim == 3, reference_key)
+        y, truth = one_of(y, whole, index)
+    else:
+        count = len(y) if y.ndim == 3 else None
+        truth = None if reference is None else usable_truth(reference, masks.shape, count, reference_key, peak)
     result = api.solve(
         y,
         masks,
