@@ -23,7 +23,11 @@ _PANEL = 1.9  # inches
 
 
 def plot_video(
-    x: Any, frames: Sequence[int] | None = None, reference: Any = None, white: float | None = None
+    x: Any,
+    frames: Sequence[int] | None = None,
+    reference: Any = None,
+    white: float | None = None,
+    uncertainty: Any = None,
 ) -> Figure:
     """Frames from left to right, a row for each view.
 
@@ -36,6 +40,8 @@ def plot_video(
         Shown in a row below each view.
     white : float, optional
         The value shown as white; black is 0. Default: the largest of `reference`, or of `x` without one.
+    uncertainty : array_like, same shape, optional
+        The predicted error of each pixel, in a row below each view; white is the largest.
 
     Raises
     ------
@@ -50,13 +56,15 @@ def plot_video(
     """
     x = _films("x", x)
     rows = [("", x)]
-    if reference is not None:
-        rows.append(("reference ", _films("reference", reference)))
-        if rows[1][1].shape != x.shape:
-            raise InputError(f"reference has shape {np.shape(reference)}, but x {x.shape}: the same was expected")
+    for name, other in (("reference", reference), ("uncertainty", uncertainty)):
+        if other is None:
+            continue
+        rows.append((f"{name} ", _films(name, other)))
+        if rows[-1][1].shape != x.shape:
+            raise InputError(f"{name} has shape {np.shape(other)}, but x {x.shape}: the same was expected")
     views, count = x.shape[:2]
     chosen = _chosen(frames, count, _SHOWN)
-    white = float(rows[-1][1].max()) if white is None else white
+    white = float((x if reference is None else rows[1][1]).max()) if white is None else white
     height = _PANEL * x.shape[2] / x.shape[3]
     size = _PANEL * len(chosen), height * views * len(rows) + 0.3
     figure = _figure()(figsize=size, layout="constrained")
@@ -64,7 +72,7 @@ def plot_video(
     for row, column in np.ndindex(axes.shape):
         view, (kind, films) = row // len(rows), rows[row % len(rows)]
         axis = axes[row, column]
-        _show(axis, films[view, chosen[column]], white)
+        _show(axis, films[view, chosen[column]], float(np.nanmax(films)) if "uncertainty" in kind else white)
         if row == 0:
             axis.set_title(f"frame {chosen[column] + 1}", fontsize=8)
         if column == 0:

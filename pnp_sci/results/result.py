@@ -115,14 +115,17 @@ class Result:
         """
         return cls(**storage.load(Path(path)))
 
-    def plot(self, frames: Sequence[int] | None = None, reference: Any = None) -> Figure:
+    def plot(self, frames: Sequence[int] | None = None, reference: Any = None, uncertainty: bool = False) -> Figure:
         """A picture of some frames of each view, white as :attr:`white` or as the largest value of the reference.
 
         See :func:`pnp_sci.plot.plot_video` for the parameters.
         """
         from pnp_sci.plot import plot_video
 
-        return plot_video(self.x, frames, reference, self.white if reference is None else None)
+        errors = self.uncertainty if uncertainty else None
+        if uncertainty and errors is None:
+            raise InputError("uncertainty was not asked for: solve(..., uncertainty=True) predicts it")
+        return plot_video(self.x, frames, reference, self.white if reference is None else None, errors)
 
     def export(self, path: str | Path, fps: float = 10) -> None:
         """Write it for looking at: values are divided by :attr:`white` and clipped to [0, 1].
@@ -192,6 +195,8 @@ class Result:
             values = [value for record in last if (value := getattr(record, name)) is not None]
             if values:
                 texts.append((name if name == "residual" else name.upper()) + unit.format(np.mean(values)))
+        if self.uncertainty is not None and np.isfinite(self.uncertainty).any():
+            texts.append(f"predicted error {np.sqrt(np.nanmean(np.square(self.uncertainty, dtype=np.float64))):.2g}")
         return "; " + ", ".join(texts) if texts else ""
 
     def _last_records(self) -> list[Record]:

@@ -5,6 +5,7 @@ import pytest
 
 import pnp_sci
 from pnp_sci import Result
+from pnp_sci.errors import InputError
 
 SCENE = pnp_sci.datasets.embedded_scene(128)
 
@@ -69,3 +70,14 @@ def test_a_time_budget_holds_for_both_solves():
     result = pnp_sci.solve(SCENE.y, SCENE.masks, time_budget=0.5, iterations=10**6, tol=0, uncertainty=True)
     assert np.isfinite(result.uncertainty).all()
     assert result.status is pnp_sci.Status.TIME_BUDGET
+
+
+def test_it_is_shown(solved):
+    _, result = solved
+    assert "predicted error 0.0" in repr(result)
+    assert "predicted error" in result._repr_html_()
+    figure = result.plot([0, 5], uncertainty=True)
+    names = [axis.get_ylabel() for axis in figure.axes[::2]]
+    assert names == ["view 1", "uncertainty view 1", "view 2", "uncertainty view 2"]
+    with pytest.raises(InputError, match="uncertainty=True"):
+        pnp_sci.solve(SCENE.y, SCENE.masks, iterations=1).plot(uncertainty=True)
