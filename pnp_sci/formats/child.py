@@ -16,7 +16,8 @@ import numpy as np
 from pnp_sci.errors import FormatError
 
 PATIENCE = 4.0  # seconds for a file, besides one for each SPEED bytes
-SPEED = 10e6
+SPEED = 1e6
+NO_ROOM = 3  # exit code
 
 
 def apart(work: Callable[[], Mapping[str, np.ndarray]], size: int) -> dict[str, np.ndarray]:
@@ -49,6 +50,8 @@ def apart(work: Callable[[], Mapping[str, np.ndarray]], size: int) -> dict[str, 
         died = os.waitpid(child, 0)[1]
         if not in_time:
             raise ValueError(f"reading takes more than {limit:.0f} s")
+        if os.waitstatus_to_exitcode(died) == NO_ROOM:
+            raise ValueError(f"there is no room for its arrays in {tempfile.gettempdir()}")
         if died:
             raise ValueError("the library that reads this format crashes")
         return _received(result)
@@ -67,6 +70,8 @@ def _serve(work: Callable[[], Mapping[str, np.ndarray]], result: IO[bytes]) -> N
         for array in arrays.values():
             np.lib.format.write_array(result, array, allow_pickle=False)
         result.flush()
+    except OSError:
+        os._exit(NO_ROOM)
     except BaseException:
         os._exit(1)
     os._exit(0)

@@ -232,3 +232,16 @@ def test_flipped_bytes_harm_nobody(tmp_path, kind):
         path.write_bytes(content)
         with contextlib.suppress(FormatError):  # any other exception, and a crash, fails the test
             (Result.load if kind == "result" else io.describe)(path)
+
+
+def test_no_room_for_what_is_read_is_said(tmp_path):
+    """The child passes arrays on in a temporary file."""
+    resource = pytest.importorskip("resource")
+    io.write(tmp_path / "a.h5", {"meas": np.zeros((300, 300))})
+    code = (
+        "import resource, sys; from pnp_sci import io\n"
+        "resource.setrlimit(resource.RLIMIT_FSIZE, (9000, resource.RLIM_INFINITY)); io.read(sys.argv[1])"
+    )
+    done = subprocess.run([sys.executable, "-c", code, tmp_path / "a.h5"], capture_output=True, text=True)
+    assert resource
+    assert "no room for its arrays" in done.stderr
