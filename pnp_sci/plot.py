@@ -72,7 +72,7 @@ def plot_video(
     for row, column in np.ndindex(axes.shape):
         view, (kind, films) = row // len(rows), rows[row % len(rows)]
         axis = axes[row, column]
-        _show(axis, films[view, chosen[column]], float(np.nanmax(films)) if "uncertainty" in kind else white)
+        _show(axis, films[view, chosen[column]], float(np.nan_to_num(films).max()) if "uncertainty" in kind else white)
         if row == 0:
             axis.set_title(f"frame {chosen[column] + 1}", fontsize=8)
         if column == 0:

@@ -156,13 +156,16 @@ def calibrate(
     black = average(darks)
     light = np.stack([[average(p) - black for p in view] for view in pictures])  # (V, B, H, W)
     response = _response(white, black, crop, views)
-    bad = _far(black) | _far(darks.std(0)) | _saturated(pictures, white, crop, full_scale)
+    grain = 0.5 if darks.dtype.kind in "iu" else 0.0  # of rounding to grey levels
+    bad = _far(black, grain) | _far(darks.std(0), grain) | _saturated(pictures, white, crop, full_scale)
     shading = light.max(1) if response is None else response  # what each pixel sees of an open element
     bad |= np.all([picture < DEAD * _median(picture) for picture in shading], axis=0)
-    gains = np.ones((views, frames)) if response is None else lamp_gains(light, response, bad)
-    one = float(np.median(shading[:, ~bad] if (~bad).any() else shading))
-    if one <= 0:
+    if np.median(shading) <= 0:
         raise InputError("patterns are not brighter than dark: their order may be another than dark, white, patterns")
+    if bad.all():
+        raise InputError("patterns or white are bad in all pixels, such as saturated: a shorter exposure was expected")
+    gains = np.ones((views, frames)) if response is None else lamp_gains(light, response, bad)
+    one = float(np.median(shading[:, ~bad]))
     masks = (light / (one * gains[..., None, None])).astype(np.float32)
     quality = measure_quality(masks, shading / one, pictures, black, bad, gains)
     return Calibration(masks, black.astype(np.float32), bad, crop, quality)
@@ -190,10 +193,10 @@ def _response(white: Any, black: np.ndarray, crop: tuple[int, ...], views: int) 
     return np.broadcast_to(response, (views, *response.shape[1:]))
 
 
-def _far(picture: np.ndarray) -> np.ndarray:
-    """Pixels whose value is far above those around them."""
+def _far(picture: np.ndarray, grain: float) -> np.ndarray:
+    """Pixels whose value is far above those around them, of which rounding alone spreads values by the `grain`."""
     rest = picture - _median(picture)
-    spread = 1.4826 * np.median(np.abs(rest))
+    spread = max(1.4826 * float(np.median(np.abs(rest))), grain)
     return rest > np.float64(max(SURE * spread, np.finfo(np.float32).eps * np.abs(picture).max(), 1e-12))
 
 
@@ -209,8 +212,9 @@ def _saturated(patterns: np.ndarray, white: Any, crop: tuple[int, ...], full_sca
         return np.zeros(patterns.shape[-2:], bool)
     reached = np.any(np.median(patterns, 2) >= full_scale, axis=(0, 1))
     if white is not None:
-        pictures = _cropped("white", real_array("white", white), crop).reshape(-1, *reached.shape)
-        reached = reached | (np.median(pictures, 0) >= full_scale)
+        pictures = _cropped("white", real_array("white", white), crop)
+        pictures = pictures if pictures.ndim == 4 else pictures.reshape(1, -1, *reached.shape)
+        reached = reached | np.any(np.median(pictures, 1) >= full_scale, axis=0)
     return reached
 
 

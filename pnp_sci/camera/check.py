@@ -169,7 +169,7 @@ class Masks:
 
 
 OTHERS = {"arrangement", "inverted", "no code"}  # findings of masks that are not those of the measurement
-LEVELS = {"black level", "contrast", "sharpness"}  # findings that saturation feigns
+LEVELS = {"black level", "contrast", "sharpness"}  # findings that saturation also causes
 
 
 def _why(code: Code) -> str:

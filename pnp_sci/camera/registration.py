@@ -11,6 +11,7 @@ import numpy as np
 
 from pnp_sci import io
 from pnp_sci.camera.warp import Transform, known, warped
+from pnp_sci.formats.plain import finite
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -86,16 +87,15 @@ class Registration:
     def describe(self) -> dict[str, Any]:
         """The registration as JSON can hold it."""
         names = ("black_level", "black_error", "gain", "interpolation", "before", "after", "trusted")
-        return {
-            "transforms": [asdict(transform) for transform in self.transforms],
-            "errors": [asdict(error) for error in self.errors],
-        } | {name: getattr(self, name) for name in names}
+        fields: dict[str, Any] = {name: getattr(self, name) for name in names}
+        fields["transforms"] = [asdict(transform) for transform in self.transforms]
+        return finite(fields | {"errors": [asdict(error) for error in self.errors]})
 
     def save(self, path: str | Path) -> None:
         """Write the moved masks and the transforms to NPZ, HDF5 or MAT; to another format of :func:`pnp_sci.io.write`
         the masks alone."""
         rows = [[t.rows, t.columns, t.rotation, t.scale, t.blur] for t in self.transforms]
-        arrays = {"masks": self.masks, "transforms": np.array(rows), "black_level": np.array([self.black_level])}
+        arrays = {"masks": self.masks, "transforms": np.array(rows), "black_level": np.array([[self.black_level]])}
         several = Path(path).suffix.lower() in {".npz", ".h5", ".hdf5", ".mat"}
         io.write(path, arrays if several else self.masks)
 

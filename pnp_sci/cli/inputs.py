@@ -50,10 +50,12 @@ class Command(click.Command):
         for param in self.params:
             value = ctx.params.get(param.name or "")
             paths = [p for p in (value if isinstance(value, tuple) else [value]) if isinstance(p, Path)]
-            if isinstance(param.type, Output):
+            if isinstance(param.type, Output) or param.type is FOLDER:
                 outputs += [(param.opts[0], path) for path in paths]
             elif param.type is FILE:
                 inputs += [(param.human_readable_name, path) for path in paths]
+            elif isinstance(value, str):  # a name or a file, or several
+                inputs += [(param.opts[0], Path(word)) for word in value.split(",") if Path(word).is_file()]
         for n, (option, path) in enumerate(outputs):
             for other, taken in inputs + outputs[:n]:
                 if same_file(path, taken):

@@ -1,4 +1,4 @@
-"""Reading in a child process: a library that crashes or hangs on a damaged file harms nobody else."""
+"""Reading in a child process: a library that crashes or hangs on a damaged file does not affect the caller."""
 
 from __future__ import annotations
 
@@ -9,6 +9,7 @@ import signal
 import tempfile
 import warnings
 from collections.abc import Callable, Mapping
+from contextlib import suppress
 from typing import IO, NoReturn
 
 import numpy as np
@@ -43,11 +44,17 @@ def apart(work: Callable[[], Mapping[str, np.ndarray]], size: int) -> dict[str, 
             signal.alarm(int(limit) + 1)  # it ends even where nobody waits for it any more
             _serve(work, result)
         os.close(alive)  # the child has the other end: it closes with the process
-        in_time = bool(select.select([ended], [], [], limit)[0])
-        os.close(ended)
-        if not in_time:
-            os.kill(child, signal.SIGKILL)
-        died = os.waitpid(child, 0)[1]
+        in_time, died = False, 0
+        try:
+            waiting = select.poll()
+            waiting.register(ended, select.POLLIN | select.POLLHUP)
+            in_time = bool(waiting.poll(1000 * limit))
+        finally:
+            os.close(ended)
+            if not in_time:
+                os.kill(child, signal.SIGKILL)
+            with suppress(ChildProcessError):  # where SIGCHLD is ignored, nobody need wait
+                died = os.waitpid(child, 0)[1]
         if not in_time:
             raise ValueError(f"reading takes more than {limit:.0f} s")
         if os.waitstatus_to_exitcode(died) == NO_ROOM:

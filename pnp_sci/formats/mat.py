@@ -39,6 +39,8 @@ def load(path: Path) -> dict[str, np.ndarray]:
             return hdf5.load(path)
         arrays = {key: a.T for key, a in hdf5.load(path, matlab=True).items()}  # h5py sees the axes reversed
     else:
+        import scipy.io  # noqa: F401, here once, not in each child
+
         _check_sizes(content)
         arrays = apart(lambda: _read(path), len(content))
     return {key: a if key in PLANES_FIRST else _planes_first(a) for key, a in arrays.items()}

@@ -28,6 +28,8 @@ def load(path: Path) -> dict[str, np.ndarray]:
     arrays = {}
     with zipfile.ZipFile(path) as archive:
         for member in archive.infolist():
+            if not member.filename.endswith(".npy"):
+                continue
             check_size(member.filename, member.file_size, path.stat().st_size)
             with archive.open(member) as file:
                 if _is_object(file):

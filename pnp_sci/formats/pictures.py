@@ -63,10 +63,10 @@ def save_png(path: Path, picture: np.ndarray) -> None:
 
 def load_folder(path: Path) -> np.ndarray:
     """The pictures (B, H, W) of a folder in the order of the numbers in their names; hidden files are left out."""
-    files = [f for f in path.iterdir() if f.suffix.lower() in FRAMES and not f.name.startswith(".")]
+    files = [f for f in path.iterdir() if f.suffix.lower() in FRAMES and f.name[0] != "." and f.is_file()]
     if not files:
         raise FormatError(f"{path}: the folder has no pictures; known are {', '.join(sorted(FRAMES))}")
-    files.sort(key=lambda file: [int(p) if p.isdigit() else p for p in re.split(r"([0-9]+)", file.name)])
+    files.sort(key=lambda file: [int(p) if n % 2 else p for n, p in enumerate(re.split(r"([0-9]+)", file.name))])
     frames = [load_png(f) if f.suffix.lower() == ".png" else _only_page(f) for f in files]
     kinds = {(frame.shape, str(frame.dtype)) for frame in frames}
     if len(kinds) > 1:

@@ -53,6 +53,8 @@ def replacing(path: Path) -> Iterator[Path]:
 
 def _place(path: Path) -> Path:
     """Where the file behind `path` is or will be, links followed; an error if nothing can be written there."""
+    if path.exists() and not path.is_file() and not path.is_dir():
+        return path  # a device or a pipe
     place = Path(os.path.realpath(path))
     if not place.parent.is_dir():
         raise FileNotFoundError(f"{path}: there is no folder {(place if path.is_symlink() else path).parent}")

@@ -105,7 +105,7 @@ def check_request(
     counted = effort
     if isinstance(prior, str) and prior == "auto":
         within = time_budget is not None
-        prior = prior_within(time_budget / count, op.shape) if within else prior_for(effort)
+        prior = prior_within(time_budget / count / (1 + uncertainty), op.shape) if within else prior_for(effort)
         counted = "best" if within else effort
     made = as_prior(prior, device=device, seed=seed, **prior_options)
     return Request(

@@ -38,7 +38,7 @@ def solve_all(y: Any, masks: Any, reference: Any, peak: float | None, options: d
 
     videos = np.empty((len(measurements), *op.shape), op.dtype)
     outcomes: list[Outcome] = []
-    errors = np.full(videos.shape, np.nan, np.float32) if request.uncertainty else None
+    errors = np.full(videos.shape, np.nan, op.dtype) if request.uncertainty else None
     with limited(request.threads), watching(options["callback"], options["progress"]) as watch:
         given, sensor = given.registered(request.register, request.sensor, masks)
         fits = given.check(sensor)
@@ -50,7 +50,7 @@ def solve_all(y: Any, masks: Any, reference: Any, peak: float | None, options: d
                 if watch.stopped
                 else reconstruct(problem, request, videos[n], deadline=deadline, watch=watch, truth=truth, n=n)
             )
-            if errors is not None:
+            if errors is not None and not watch.stopped:
                 predict_errors(request, outcomes[-1], videos[n], errors[n], end)
     began += truth.seconds if truth else 0.0  # the metrics are not the solver's time
     problems = [outcome.problem for outcome in outcomes]

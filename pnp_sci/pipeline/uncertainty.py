@@ -23,8 +23,8 @@ def uncertainty(problem: Problem, x: np.ndarray, estimate: Estimate, seed: int =
 
     A tenth of the pixels of y is held back, and the video is estimated again from the others. Errors are large where
     the two videos differ and where x changes in space or time: with d and g, means around a pixel of the squared
-    difference and of the squared gradient, the variance is in proportion to ``sqrt(d g)``. One equation binds all
-    frames at a pixel, so that they share half of it: what is wrong in one is wrong in the others. What the second video
+    difference and of the squared gradient, the variance is in proportion to ``sqrt(d g)``. The
+    frames of a pixel come from one equation: half of the variance is common to them. What the second video
     predicts of the held-back pixels has errors of the variance ``sum(masks^2 variance)`` beyond the noise, which
     determines the factor.
 
@@ -39,7 +39,7 @@ def uncertainty(problem: Problem, x: np.ndarray, estimate: Estimate, seed: int =
 
     Returns
     -------
-    ndarray of float32, (V, B, H, W), or None
+    ndarray, (V, B, H, W), or None
         None if too few pixels can be held back, or an estimate is not finite.
     """
     op, y = problem.op, problem.y
@@ -55,7 +55,7 @@ def uncertainty(problem: Problem, x: np.ndarray, estimate: Estimate, seed: int =
     squares = (y - op.forward(second))[hidden].astype(np.float64) ** 2
     noise = np.broadcast_to(np.square(problem.noise, dtype=np.float64), y.shape)[hidden]
     shown = np.einsum("vbp,vbp->p", op.masks[..., hidden].astype(np.float64) ** 2, pattern[..., hidden])
-    return np.sqrt(_slope(squares, shown, float(noise.mean())) * pattern).astype(np.float32)
+    return np.sqrt(_slope(squares, shown, float(noise.mean())) * pattern).astype(x.dtype)
 
 
 def _slope(squares: np.ndarray, shown: np.ndarray, noise: float) -> float:

@@ -37,7 +37,7 @@ class Result:
         What reproduces it: options, versions, seed, hashes of the input. Holds what JSON can hold.
     scenes : list of dict
         What was found of the scene of each measurement, and what was modelled of it; see also :attr:`scene`.
-    uncertainty : ndarray of float32, like x, or None
+    uncertainty : ndarray, like x, or None
         Predicted root mean square error of each pixel, in the units of x, where it was asked for. NaN where it is not
         known: the remarks say why.
 

@@ -157,3 +157,19 @@ def test_command(tmp_path, monkeypatch):
     done = CliRunner().invoke(main, ["solve", "raw.tif", "--calibration", "calibration.npz", "--iterations", "2"])
     assert done.exit_code == 0, done.output
     assert pnp_sci.Result.load("result.npz").x.shape == (V, B, SIDE, SIDE)
+
+
+def test_rounding_makes_no_pixel_bad():
+    """The median deviation of whole numbers is often 0."""
+    dark = np.full((4, SIDE, SIDE), 2, np.uint8) + (RNG.random((4, SIDE, SIDE)) < 0.05)
+    raw = (2 + 100 * MASKS[:, :, None]).astype(np.uint8)
+    assert not (calibrate(dark, None, raw).bad & MASKS.any((0, 1))).any()
+
+
+def test_white_that_is_saturated():
+    dark, white, raw = pictures()
+    whites = np.stack([white, white])
+    whites[0, :, 3, 4:9] = 65535
+    assert calibrate(dark, whites, raw, full_scale=65535).bad[3, 4:9].all()
+    with pytest.raises(InputError, match="bad in all pixels"):
+        calibrate(dark, np.full_like(white, 65535), raw, full_scale=65535)

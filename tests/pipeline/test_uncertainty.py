@@ -81,3 +81,12 @@ def test_it_is_shown(solved):
     assert names == ["view 1", "uncertainty view 1", "view 2", "uncertainty view 2"]
     with pytest.raises(InputError, match="uncertainty=True"):
         pnp_sci.solve(SCENE.y, SCENE.masks, iterations=1).plot(uncertainty=True)
+
+
+def test_a_callback_stops_the_second_solve_too():
+    calls = []
+    result = pnp_sci.solve(
+        np.stack([SCENE.y] * 2), SCENE.masks, uncertainty=True, callback=lambda state: calls.append(state) or True
+    )
+    assert len(calls) == 1
+    assert np.isnan(result.uncertainty).all()
