@@ -38,6 +38,7 @@ from .sensing.operator import SensingOperator as SensingOperator
 from .sensing.operator import adjoint_mismatch as adjoint_mismatch
 from .sensing.scene_model import SceneModel as SceneModel
 from .sensing.sensor import Sensor as Sensor
+from .sensing.sequence import SequenceOperator as SequenceOperator
 from .sensing.simulate import simulate as simulate
 from .sensing.torch_operator import TorchSensingOperator as TorchSensingOperator
 from .solvers.iterate import iterate as iterate

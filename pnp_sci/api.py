@@ -50,6 +50,7 @@ def solve(
     seed: int = 0,
     register: bool | Registration = False,
     uncertainty: bool = False,
+    sequence: bool | int = False,
     **prior_options: Any,
 ) -> Result:
     """Recover the video of every view from one coded picture.
@@ -58,16 +59,16 @@ def solve(
     ----------
     y : array_like, (H, W) or (N, H, W)
         The measurement, in any unit, or N of them taken with the same masks. Masked values are bad pixels.
-    masks : array_like, (V, B, H, W) or (B, H, W), or SensingOperator
-        Transmission for each view and frame, any real values; 3-D masks mean one view.
+    masks : array_like, (V, B, H, W), (B, H, W) or (N, V, B, H, W), or SensingOperator
+        Transmission for each view and frame, any real values; 3-D masks mean one view, 5-D those of each measurement.
     prior : str, Prior, callable, torch.nn.Module, or sequence of (prior, iterations)
         A name (``pnp-sci priors``), names joined by "+", "auto", a function ``(x, sigma)``, or stages.
-    init : str, array_like (V, B, H, W), or callable (problem, scene)
+    init : str, array_like (V, B, H, W) or (N, V, B, H, W), or callable (problem, scene)
         First estimate: "adjoint", a decoder, or a video in the units of the result. "auto" is a decoder for networks.
     algorithm, effort : str
         "gap", "plain-gap" or "admm"; "fast", "balanced" or "best": the most iterations, and which prior "auto" is.
     scene : "auto", "full" or SceneModel
-        What to model: "auto" drops dark views, and models a still scene by one frame per view.
+        "auto" drops dark views, and models a still scene by one frame per view.
     bad : "auto", or array_like of bool, (H, W), optional
         Pixels of y that are not used. "auto" finds hot and dead ones.
     iterations, sigma, tol : optional
@@ -89,6 +90,8 @@ def solve(
         First move the masks to where y has them, and subtract the black level: :func:`pnp_sci.register`.
     uncertainty : bool
         Whether to predict the error of each pixel, `Result.uncertainty`. It takes a second solve.
+    sequence : bool or int
+        Whether measurements follow one another in time and are solved as one video; a number (>= 3): so many at once.
     **prior_options
         For the prior's constructor, such as ``strength=2.0``.
 
@@ -113,6 +116,7 @@ def solve(
         prior=prior, prior_options=prior_options, init=init, algorithm=algorithm, effort=effort, scene=scene, bad=bad,
         iterations=iterations, noise=noise, sigma=sigma, tol=tol, time_budget=time_budget, callback=callback,
         progress=progress, device=device, threads=threads, seed=seed, register=register, uncertainty=uncertainty,
+        sequence=sequence,
     ))  # fmt: skip
 
 

@@ -81,7 +81,7 @@ def read_measurement(path: str | Path, key: str | None = None) -> np.ndarray:
 
 
 def read_masks(path: str | Path, views: int | None = None, key: str | None = None) -> np.ndarray:
-    """Read masks (V, B, H, W) from a file; see :func:`read`.
+    """Read masks (V, B, H, W), or those of each of several measurements (N, V, B, H, W), from a file; see :func:`read`.
 
     Parameters
     ----------
@@ -97,7 +97,10 @@ def read_masks(path: str | Path, views: int | None = None, key: str | None = Non
     FormatError
         If the number of planes is not a multiple of `views`; other errors as for :func:`read`.
     """
-    return _in_views(Path(path), *_find(Path(path), "masks", key), views)
+    name, array = _find(Path(path), "masks", key)
+    if array.ndim == 5 and views in (None, array.shape[1]):
+        return array
+    return _in_views(Path(path), name, array, views)
 
 
 def read_video(path: str | Path, views: int | None = None, key: str | None = None) -> np.ndarray:

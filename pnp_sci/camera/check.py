@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import replace
 from typing import Any
 
@@ -13,8 +14,9 @@ from pnp_sci.camera.frame_order import frame_order as order_of_frames
 from pnp_sci.camera.outliers import expected, outliers
 from pnp_sci.camera.pile import pile
 from pnp_sci.camera.verdict import judge_code, shift_of, told
+from pnp_sci.errors import InputError
 from pnp_sci.sensing.operator import SensingOperator
-from pnp_sci.sensing.problem import check_bad, check_measurement, check_noise, check_operator
+from pnp_sci.sensing.problem import check_bad, check_measurement, check_noise, check_operators
 from pnp_sci.sensing.sensor import Sensor
 
 MOST = 0.9  # of the pixels of a pile: if so many are known to be saturated, the full scale is right
@@ -65,21 +67,33 @@ def check_fit(y: Any, masks: Any, *, noise: Any = "auto", bad: Any = None, frame
     """
     bad = check_bad(bad, y)
     measurements = check_measurement(y, bad)
-    op, _ = check_operator(masks, measurements)
-    fits = check_all(op, measurements, check_noise(noise), bad)
+    ops, _ = check_operators(masks, measurements)
+    fits = check_all(ops, measurements, check_noise(noise), bad)
     if frame_order:
-        order = order_of_frames(op, measurements, check_noise(noise))
+        if len(ops) > 1:
+            raise InputError("frame_order needs masks (V, B, H, W) for all measurements, but each has its own")
+        order = order_of_frames(ops[0], measurements, check_noise(noise))
         fits = [_with_order(fit, order) for fit in fits]
     return fits if np.ndim(y) == 3 else fits[0]
 
 
 def check_all(
-    op: SensingOperator, measurements: np.ndarray, sensor: Sensor, bad: np.ndarray | None, warn_of_bad: bool = True
+    ops: Sequence[SensingOperator],
+    measurements: np.ndarray,
+    sensor: Sensor,
+    bad: np.ndarray | None,
+    warn_of_bad: bool = True,
 ) -> list[Fit]:
-    """How each of the measurements (N, H, W) fits the masks; `bad` is (N, H, W) or None."""
+    """How each of the measurements (N, H, W) fits its masks: `ops` has one operator for all, or one for each.
+
+    `bad` is (N, H, W) or None.
+    """
     with np.errstate(all="ignore"):  # extreme numbers make no rule true
-        masks = Masks(op)
-        fits = [masks.fit(y, sensor, None if bad is None else bad[n], warn_of_bad) for n, y in enumerate(measurements)]
+        each = map(Masks, ops) if len(ops) > 1 else [Masks(ops[0])] * len(measurements)
+        fits = [
+            masks.fit(y, sensor, None if bad is None else bad[n], warn_of_bad)
+            for n, (masks, y) in enumerate(zip(each, measurements))
+        ]
     lit = np.asarray(measurements.any((1, 2)))
     if not lit.all() and lit.any():
         lost = Finding("missing", "y is 0 everywhere, other measurements are not", "its file may be incomplete")

@@ -44,6 +44,7 @@ from pnp_sci.cli.outputs import SAVED, SHOWN, print_scores, save_somewhere
 @click.option("--device", help="For priors that are networks, such as cuda.")
 @click.option("--threads", type=click.IntRange(min=1), help="At most so many.  [default: one a core]")
 @click.option("--uncertainty", is_flag=True, help="Predict the error of each pixel: twice the time.")
+@click.option("--sequence", is_flag=True, help="The measurements follow one another: solve them as one video.")
 @click.option("--seed", default=0, show_default=True)
 @click.option("--option", "options", multiple=True, metavar="KEY=VALUE", help="Option of the prior; may be repeated.")
 @click.option("--reference", type=FILE, help="File with the true video, to score the result.")
@@ -86,12 +87,14 @@ def solve(
     masks = masks_for(measurement, masks_file or calibration, views, masks_key)
     y = io.read_measurement(measurement, key)
     y = y if calibration is None else Calibration.load(calibration).correct(y)
+    shape = masks.shape[-4:]
     if index is not None:
-        whole = None if reference is None else true_video(reference, masks.shape, y.ndim == 3, reference_key)
+        whole = None if reference is None else true_video(reference, shape, y.ndim == 3, reference_key)
         y, truth = one_of(y, whole, index)
+        masks = masks[index] if masks.ndim == 5 else masks
     else:
         count = len(y) if y.ndim == 3 else None
-        truth = None if reference is None else usable_truth(reference, masks.shape, count, reference_key, peak)
+        truth = None if reference is None else usable_truth(reference, shape, count, reference_key, peak)
     result = api.solve(
         y,
         masks,

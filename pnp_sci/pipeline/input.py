@@ -16,8 +16,17 @@ from pnp_sci.camera.fit import Fit
 from pnp_sci.camera.register import registration_for
 from pnp_sci.camera.registration import Registration
 from pnp_sci.camera.residual import unexplained
+from pnp_sci.errors import InputError
 from pnp_sci.sensing.operator import SensingOperator
-from pnp_sci.sensing.problem import Problem, check_bad, check_measurement, check_operator, pose, without
+from pnp_sci.sensing.problem import (
+    Problem,
+    check_bad,
+    check_measurement,
+    check_operator,
+    check_operators,
+    pose,
+    without,
+)
 from pnp_sci.sensing.sensor import Sensor
 
 PASSES = 3  # of quick estimates in which bad pixels are looked for
@@ -27,7 +36,7 @@ _told: ContextVar[bool] = ContextVar("told", default=False)
 
 @dataclass(frozen=True, eq=False)
 class Input:
-    """N measurements through the same masks.
+    """N measurements, all through the same masks or each through its own.
 
     Attributes
     ----------
@@ -37,7 +46,8 @@ class Input:
         Pixels that are not used.
     find_bad : bool
         Whether those that the check finds are not used either.
-    op : SensingOperator
+    ops : list of SensingOperator
+        One for all measurements, or one for each.
     largest : float
         What the masks were divided by.
     """
@@ -45,7 +55,7 @@ class Input:
     measurements: np.ndarray
     bad: np.ndarray | None
     find_bad: bool
-    op: SensingOperator
+    ops: list[SensingOperator]
     largest: float
     registration: Registration | None = None
 
@@ -54,30 +64,42 @@ class Input:
         """The arguments of :func:`pnp_sci.solve`; errors name them."""
         unused = check_bad(bad, y)
         measurements = check_measurement(y, unused)
-        return cls(measurements, unused, isinstance(bad, str), *check_operator(masks, measurements))
+        return cls(measurements, unused, isinstance(bad, str), *check_operators(masks, measurements))
+
+    @property
+    def op(self) -> SensingOperator:
+        """The operator of the first measurement, and of all that have the same masks."""
+        return self.ops[0]
+
+    @property
+    def each(self) -> list[SensingOperator]:
+        """The operator of each measurement."""
+        return self.ops if len(self.ops) > 1 else self.ops * len(self.measurements)
 
     def problems(self, sensor: Sensor, fits: list[Fit]) -> Iterator[Problem]:
         """Each measurement posed as a problem, without its bad pixels."""
-        op: SensingOperator = self.op
-        of_op: np.ndarray | None = None
-        for n, (y, fit) in enumerate(zip(self.measurements, fits)):
+        left_out: tuple[SensingOperator, np.ndarray, SensingOperator] | None = None  # many measurements share it
+        for n, (whole, y, fit) in enumerate(zip(self.each, self.measurements, fits)):
             bad = None if self.bad is None else self.bad[n]
             if self.find_bad and fit.bad.any():
                 bad = fit.bad if bad is None else bad | fit.bad
-            if bad is None:
-                op, of_op = self.op, None
-            elif of_op is None or not np.array_equal(bad, of_op):
-                op, of_op = without(self.op, bad), bad
+            op = whole
+            if bad is not None:
+                if left_out is None or left_out[0] is not whole or not np.array_equal(bad, left_out[1]):
+                    left_out = whole, bad, without(whole, bad)
+                op = left_out[2]
             problem = pose(op, self.largest, y, sensor, bad)
             for _ in range(PASSES if self.find_bad else 0):  # what is left out no longer misleads the estimate
                 if not (faint := unexplained(problem)).any():
                     break
                 bad = faint if bad is None else bad | faint
-                problem = pose(without(self.op, bad), self.largest, y, sensor, bad)
+                problem = pose(without(whole, bad), self.largest, y, sensor, bad)
             yield problem
 
     def registered(self, asked: bool | Registration, sensor: Sensor, masks: Any) -> tuple[Input, Sensor]:
         """The input with the masks, as given, where they are found to be, without black level; the sensor of that."""
+        if asked and len(self.ops) > 1:
+            raise InputError("register needs masks (V, B, H, W) for all measurements, but each has its own")
         registration = registration_for(asked, self.measurements, masks)
         if registration is None:
             return self, sensor
@@ -88,7 +110,7 @@ class Input:
         if full is not None and full > black:
             sensor = replace(sensor, full_scale=full - black)
         op, largest = check_operator(registration.masks, measurements)
-        return replace(self, measurements=measurements, op=op, largest=largest, registration=registration), sensor
+        return replace(self, measurements=measurements, ops=[op], largest=largest, registration=registration), sensor
 
     def found(self, scene: dict[str, Any], fit: Fit) -> dict[str, Any]:
         """What was found of a scene, with how its measurement fits, and where the masks are."""
@@ -100,7 +122,7 @@ class Input:
 
     def check(self, sensor: Sensor) -> list[Fit]:
         """How each measurement fits the masks; what is wrong is logged."""
-        fits = check_all(self.op, self.measurements, sensor, self.bad, warn_of_bad=not self.find_bad)
+        fits = check_all(self.ops, self.measurements, sensor, self.bad, warn_of_bad=not self.find_bad)
         if not _told.get():
             for text, numbers in _by_warning(fits).items():
                 several = f"measurement{'s' * (len(numbers) > 1)} {', '.join(map(str, numbers))}: "

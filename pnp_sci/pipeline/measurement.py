@@ -1,9 +1,9 @@
-"""One measurement from start to end: scene, first estimate, plan, iterations, and what is made of the last estimate."""
+"""Measurements from start to end, alone or several as one video: first estimate, plan, iterations, finish."""
 
 from __future__ import annotations
 
 import time
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import Any
 
@@ -14,13 +14,15 @@ from pnp_sci.pipeline.blend import blended
 from pnp_sci.pipeline.progress import Watch
 from pnp_sci.pipeline.reference import Reference
 from pnp_sci.pipeline.request import Request
-from pnp_sci.pipeline.start import first_estimate
+from pnp_sci.pipeline.sequence import Window, together
+from pnp_sci.pipeline.start import Start, first_estimate
 from pnp_sci.plugins.combine import InTurn
 from pnp_sci.results.history import Record, Status
 from pnp_sci.scene.choose import choose_scene
 from pnp_sci.sensing.operator import SensingOperator
 from pnp_sci.sensing.problem import Problem, level
 from pnp_sci.sensing.scene_model import SceneModel, full
+from pnp_sci.sensing.sequence import joined, split
 from pnp_sci.solvers.iterate import ALGORITHMS, states
 from pnp_sci.solvers.pace import in_time, remember
 from pnp_sci.solvers.plan import make_plan
@@ -33,15 +35,18 @@ JUDGING = 0.25  # of a time budget, to find out what of a scene has to be modell
 
 @dataclass(frozen=True, eq=False)
 class Outcome:
-    """What has become of a measurement: its video is in the array that :func:`reconstruct` was given.
+    """What has become of a measurement, or of consecutive ones that were solved together.
+
+    Their videos are in the array that :func:`reconstruct` was given.
 
     Attributes
     ----------
-    problem : Problem
+    problems : list of Problem
+        Of each measurement.
     status : Status
     records : list of Record
-    scene : dict
-        What was found of the scene.
+    scenes : list of dict
+        What was found of the scene of each measurement.
     plan : dict or None
         See :meth:`pnp_sci.solvers.plan.Plan.describe`; None if a callback had stopped before.
     start : str
@@ -52,10 +57,10 @@ class Outcome:
         Hashes of the weights of networks.
     """
 
-    problem: Problem
+    problems: list[Problem]
     status: Status
     records: list[Record]
-    scene: dict[str, Any]
+    scenes: list[dict[str, Any]]
     plan: dict[str, Any] | None
     start: str
     shares: list[float]
@@ -64,59 +69,89 @@ class Outcome:
 
 
 def reconstruct(
-    problem: Problem,
+    problems: Sequence[Problem],
     request: Request,
     out: np.ndarray,
     *,
+    window: Window,
     deadline: float | None = None,
     watch: Watch,
     truth: Reference | None = None,
-    n: int = 0,
 ) -> Outcome:
-    """Solve a measurement, the n-th; the video goes to `out` (V, B, H, W), in the user's units."""
-    op, traits = problem.op, request.prior.traits(problem.op.shape)
-    scene = choose_scene(request.scene, problem, traits.strong, traits.strong, _judged_until(deadline))
-    reduced, described = scene.reduce(op), scene.describe(op)
-    start = first_estimate(request.init, problem, scene, traits.network, request.device, deadline)
-    name, decoded, x = start.name, start.decoded, scene.restrict(start.x)
-    described["remarks"] += start.remarks
-    del start  # the first estimate is freed after the first step, but for a decoder's
+    """Solve the measurements that a window sees, as one video.
+
+    The videos of those that are kept go to `out` (N, V, B, H, W), in the user's units.
+    """
+    op, joint = problems[0].op, together(problems)
+    traits = request.prior.traits(op.shape)
+    scene = choose_scene(request.scene, problems[0], traits.strong, traits.strong, judged_until(deadline))
+    reduced = scene.reduce(joint.op)
+    begin = _first(problems, request, window, scene, traits.network, deadline)
+    name, decoded, x, remarks = begin.name, begin.decoded, begin.x, begin.remarks
+    del begin  # the first estimate is freed after the first step, but for a decoder's
     plan = make_plan(
-        reduced, problem.noise, request.prior,
+        reduced, joint.noise, request.prior,
         algorithm=request.algorithm, effort=request.counted,
         iterations=request.iterations, sigma=request.sigma, tol=request.tol, deadline=deadline,
     )  # fmt: skip
-    plan = in_time(plan, reduced, problem.y, traits, decoded)
+    plan = in_time(plan, reduced, joint.y, traits, decoded)
     watch.expect(plan.iterations)
     session = InTurn(plan.serves, reduced.shape, reduced.dtype)
 
-    def score(x: np.ndarray) -> float | None:
-        return truth.psnr(scene.expand(x, op.shape), n, problem.unit) if truth else None
+    def kept(x: np.ndarray) -> list[np.ndarray]:
+        videos = split(x, len(problems))
+        return [scene.expand(videos[n - window.seen.start], op.shape) for n in window.kept]
 
-    finish = _Finish(problem, reduced, session, x if decoded else None)
-    iterates = states(reduced, problem.y, session, x, ALGORITHMS[plan.algorithm], plan.schedule, problem.saturated)
+    def score(x: np.ndarray) -> float | None:
+        if truth is None:
+            return None
+        return float(np.mean([truth.psnr(video, n, joint.unit) for n, video in zip(window.kept, kept(x))]))
+
+    finish = _Finish(joint, reduced, session, x if decoded else None)
+    iterates = states(reduced, joint.y, session, x, ALGORITHMS[plan.algorithm], plan.schedule, joint.saturated)
     del x
     state, status, records = run(
-        iterates,
-        problem.y,
-        plan,
-        watch,
-        noise=problem.typical_noise,
-        score=score,
-        saturated=problem.saturated,
-        finish=finish,
-    )
+        iterates, joint.y, plan, watch,
+        noise=joint.typical_noise, score=score, saturated=joint.saturated, finish=finish,
+    )  # fmt: skip
     remember(plan, reduced.shape, [record.seconds for record in records], finish.seconds)
-    put(scene.expand(state.x, op.shape), out, problem.unit)
+    for video, own in zip(kept(state.x), out):
+        put(video, own, joint.unit)
     facts = session.facts()
-    described["at_rest"] = scene.at_rest(facts.get("still", []))
-    records = [replace(record, measurement=n) for record in records]
+    own = list(window.of_kept(problems))
+    scenes = [_found(scene, problem, facts, remarks) for problem in own]
+    records = [replace(record, measurement=window.kept.start) for record in records]
     if truth and records:
-        records[-1] = replace(records[-1], ssim=truth.ssim(out, n))
-    found = described | counts(problem)
-    found["remarks"] += truth.remarks(out, n) if truth else []
+        ssim = float(np.mean([truth.ssim(video, n) for n, video in zip(window.kept, out)]))
+        records[-1] = replace(records[-1], ssim=ssim)
+        for found, n, video in zip(scenes, window.kept, out):
+            found["remarks"] += truth.remarks(video, n)
     weights = list(facts.get("weights", []))
-    return Outcome(problem, status, records, found, plan.describe(), name, finish.shares, weights, scene)
+    return Outcome(own, status, records, scenes, plan.describe(), name, finish.shares, weights, scene)
+
+
+def _first(
+    problems: Sequence[Problem],
+    request: Request,
+    window: Window,
+    scene: SceneModel,
+    network: bool,
+    deadline: float | None,
+) -> Start:
+    """The first estimate of the modelled part of all measurements."""
+    first = [
+        first_estimate(request.init_of(n), problem, scene, network, request.device, deadline)
+        for n, problem in zip(window.seen, problems)
+    ]
+    remarks = list(dict.fromkeys(remark for start in first for remark in start.remarks))
+    x = joined([scene.restrict(start.x) for start in first])
+    return Start(first[0].name, x, all(start.decoded for start in first), remarks)
+
+
+def _found(scene: SceneModel, problem: Problem, facts: Mapping[str, Any], remarks: list[str]) -> dict[str, Any]:
+    """What was found of the scene of a measurement."""
+    found = scene.describe(problem.op) | {"at_rest": scene.at_rest(facts.get("still", []))} | counts(problem)
+    return found | {"remarks": found["remarks"] + remarks}
 
 
 class _Finish:
@@ -137,16 +172,18 @@ class _Finish:
         return replace(state, x=x, residual=residual)
 
 
-def untouched(problem: Problem, out: np.ndarray, n: int, truth: Reference | None = None) -> Outcome:
-    """What becomes of the n-th measurement after a callback has stopped: its level, without any iteration."""
-    state = start(problem.op, problem.y, level(problem.op, problem.y))
-    put(state.x, out, problem.unit)
-    residual = relative_residual(state, length(problem.y) or 1.0, problem.saturated)
-    psnr, ssim = (truth.psnr(state.x, n, problem.unit), truth.ssim(out, n)) if truth else (None, None)
-    record = Record(0, 0.0, residual, float("nan"), psnr, ssim, n)
-    scene = full(problem.op, "not judged: the callback had stopped the solver").describe(problem.op)
-    found = scene | {"at_rest": [None] * problem.op.shape[0]} | counts(problem)
-    return Outcome(problem, Status.STOPPED, [record], found, None, "adjoint", [], [])
+def untouched(problems: Sequence[Problem], out: np.ndarray, kept: range, truth: Reference | None = None) -> Outcome:
+    """What becomes of measurements after a callback has stopped: their level, without any iteration."""
+    records, scenes = [], []
+    for problem, video, n in zip(problems, out, kept):
+        state = start(problem.op, problem.y, level(problem.op, problem.y))
+        put(state.x, video, problem.unit)
+        residual = relative_residual(state, length(problem.y) or 1.0, problem.saturated)
+        psnr, ssim = (truth.psnr(state.x, n, problem.unit), truth.ssim(video, n)) if truth else (None, None)
+        records.append(Record(0, 0.0, residual, float("nan"), psnr, ssim, n))
+        scene = full(problem.op, "not judged: the callback had stopped the solver").describe(problem.op)
+        scenes.append(scene | {"at_rest": [None] * problem.op.shape[0]} | counts(problem))
+    return Outcome(list(problems), Status.STOPPED, records, scenes, None, "adjoint", [], [])
 
 
 def put(x: np.ndarray, video: np.ndarray, unit: float) -> None:
@@ -159,7 +196,8 @@ def put(x: np.ndarray, video: np.ndarray, unit: float) -> None:
     np.nan_to_num(video, copy=False)
 
 
-def _judged_until(deadline: float | None) -> float:
+def judged_until(deadline: float | None) -> float:
+    """The moment until which the scene may be judged, to meet a deadline."""
     now = time.perf_counter()
     return np.inf if deadline is None else now + JUDGING * (deadline - now)
 

@@ -3,13 +3,16 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import asdict, dataclass
+from dataclasses import asdict, dataclass, replace
 from typing import Any
+
+import numpy as np
 
 from pnp_sci._validate import finite_number, instance, one_of, whole
 from pnp_sci.advice.recommend import prior_within
 from pnp_sci.camera.registration import Registration
 from pnp_sci.pipeline.auto import prior_for
+from pnp_sci.pipeline.sequence import FEWEST, MOST
 from pnp_sci.plugins.combine import Stages
 from pnp_sci.plugins.protocols import Prior
 from pnp_sci.plugins.resolve import as_prior
@@ -43,6 +46,15 @@ class Request:
     seed: int
     register: bool | Registration
     uncertainty: bool
+    sequence: int  # measurements that are solved together at most: 1 if each is solved alone
+
+    def init_of(self, n: int) -> Any:
+        """The first estimate of the n-th measurement: `init`, or of an array (N, V, B, H, W) its own."""
+        return self.init[n] if getattr(self.init, "ndim", 0) == 5 else self.init
+
+    def cropped(self, where: tuple[slice, slice]) -> Request:
+        """The request for a part of the picture, rows and columns."""
+        return self if getattr(self.init, "ndim", 0) < 4 else replace(self, init=self.init[(..., *where)])
 
     def settings(self) -> dict[str, Any]:
         """For `Result.settings`."""
@@ -61,6 +73,7 @@ class Request:
             "seed": self.seed,
             "register": bool(self.register),
             "uncertainty": self.uncertainty,
+            "sequence": self.sequence,
         }
 
 
@@ -86,6 +99,7 @@ def check_request(
     seed: Any,
     register: Any,
     uncertainty: Any,
+    sequence: Any,
 ) -> Request:
     """The request for `count` measurements with this operator; errors name the argument."""
     sensor = check_noise(noise)
@@ -110,8 +124,15 @@ def check_request(
     made = as_prior(prior, device=device, seed=seed, **prior_options)
     return Request(
         made, describe(prior, made), prior_options, init, algorithm, effort, counted, scene, iterations, sensor, sigma,
-        tol, time_budget, device, threads, seed, register, uncertainty,
+        tol, time_budget, device, threads, seed, register, uncertainty, _together(sequence, op.shape, count),
     )  # fmt: skip
+
+
+def _together(sequence: Any, shape: tuple[int, ...], count: int) -> int:
+    """How many measurements are solved together: as memory allows, or as `sequence` says."""
+    if isinstance(sequence, bool):
+        return max(MOST // int(np.prod(shape)), FEWEST) if sequence and count > 1 else 1
+    return whole("sequence", sequence, FEWEST)
 
 
 def describe(prior: Any, made: Prior) -> Any:

@@ -1,9 +1,10 @@
-"""All measurements, one after the other, and the result that they make."""
+"""All measurements, one after the other or consecutive ones together, and the result that they make."""
 
 from __future__ import annotations
 
 import logging
 import time
+from collections.abc import Iterator, Sequence
 from dataclasses import replace
 from typing import Any
 
@@ -11,17 +12,22 @@ import numpy as np
 
 from pnp_sci._validate import positive_number
 from pnp_sci.accel.threads import limited
+from pnp_sci.camera.fit import Fit
+from pnp_sci.errors import InputError
 from pnp_sci.masks import views_are_separable
 from pnp_sci.pipeline.input import Input
-from pnp_sci.pipeline.measurement import Outcome, package_settings, reconstruct, untouched
+from pnp_sci.pipeline.measurement import Outcome, judged_until, package_settings, untouched
 from pnp_sci.pipeline.progress import Watch, watching
 from pnp_sci.pipeline.provenance import provenance
 from pnp_sci.pipeline.reference import Reference
 from pnp_sci.pipeline.request import Request, check_request
+from pnp_sci.pipeline.sequence import Window, alike, scene_of_all, windows
+from pnp_sci.pipeline.tiles import reconstruct_in_tiles
 from pnp_sci.results.history import History, Status
 from pnp_sci.results.result import Result
 from pnp_sci.sensing.operator import SensingOperator
 from pnp_sci.sensing.problem import Problem
+from pnp_sci.sensing.sensor import Sensor
 
 _log = logging.getLogger("pnp_sci")
 
@@ -30,62 +36,91 @@ def solve_all(y: Any, masks: Any, reference: Any, peak: float | None, options: d
     """What :func:`pnp_sci.solve` does; `options` are all its other arguments."""
     began = time.perf_counter()
     given = Input.of(y, masks, options.pop("bad"))
-    op, measurements = given.op, given.measurements
-    request = check_request(op, len(measurements), **options)
+    op, count = given.op, len(given.measurements)
+    request = check_request(op, count, **options)
+    if options["sequence"] and np.ndim(y) != 3:
+        raise InputError(f"sequence is {options['sequence']}, but y has shape {np.shape(y)}: (N, H, W) was expected")
     peak = None if peak is None else positive_number("peak", peak)
-    truth = Reference(reference, (len(measurements), *op.shape), peak) if reference is not None else None
+    truth = Reference(reference, (count, *op.shape), peak) if reference is not None else None
     _warn_of_lost_views(op)
 
-    videos = np.empty((len(measurements), *op.shape), op.dtype)
+    videos = np.empty((count, *op.shape), op.dtype)
     outcomes: list[Outcome] = []
     errors = np.full(videos.shape, np.nan, op.dtype) if request.uncertainty else None
     with limited(request.threads), watching(options["callback"], options["progress"]) as watch:
         given, sensor = given.registered(request.register, request.sensor, masks)
         fits = given.check(sensor)
-        for n, problem in enumerate(given.problems(sensor, fits)):
-            end = _share_of_time(began, request.time_budget, len(measurements) - n)
+        for same, window, problems in _posed(given, request, sensor, fits, began):
+            kept = slice(window.kept.start, window.kept.stop)
+            end = _share_of_time(began, request.time_budget, len(window.kept), count - window.kept.start)
             deadline = _middle(end) if request.uncertainty else end
-            outcomes.append(
-                untouched(problem, videos[n], n, truth)
-                if watch.stopped
-                else reconstruct(problem, request, videos[n], deadline=deadline, watch=watch, truth=truth, n=n)
-            )
+            if watch.stopped:
+                outcomes.append(untouched(window.of_kept(problems), videos[kept], window.kept, truth))
+                continue
+            seen = {"window": window, "watch": watch, "truth": truth}
+            outcomes.append(reconstruct_in_tiles(problems, same, videos[kept], deadline=deadline, **seen))
             if errors is not None and not watch.stopped:
-                predict_errors(request, outcomes[-1], videos[n], errors[n], end)
+                predict_errors(same, outcomes[-1], problems, window, videos[kept], errors[kept], end)
     began += truth.seconds if truth else 0.0  # the metrics are not the solver's time
-    problems = [outcome.problem for outcome in outcomes]
+    problems = [problem for outcome in outcomes for problem in outcome.problems]
+    scenes = [scene for outcome in outcomes for scene in outcome.scenes]
     return Result(
         videos if np.ndim(y) == 3 else videos[0],
         Status.worst([outcome.status for outcome in outcomes]),
         History(record for outcome in outcomes for record in outcome.records),
         package_settings(request, outcomes) | provenance(y, masks, given.largest, problems, began),
-        [given.found(outcome.scene, fit) for outcome, fit in zip(outcomes, fits)],
+        [given.found(scene, fit) for scene, fit in zip(scenes, fits)],
         errors if errors is None or np.ndim(y) == 3 else errors[0],
     )
 
 
+def _posed(
+    given: Input, request: Request, sensor: Sensor, fits: list[Fit], began: float
+) -> Iterator[tuple[Request, Window, Sequence[Problem]]]:
+    """The problems that are solved together, window by window, and the request for them."""
+    count, problems = len(given.measurements), given.problems(sensor, fits)
+    if request.sequence == 1:
+        for n, problem in enumerate(problems):
+            yield request, Window(range(n, n + 1), range(n, n + 1)), [problem]
+        return
+    all_problems = alike(list(problems), sensor.read_noise == "auto")
+    strong = request.prior.traits(given.op.shape).strong
+    until = judged_until(None if request.time_budget is None else began + request.time_budget)
+    scene = scene_of_all(request.scene, all_problems, careful=strong, each_view=strong, until=until)
+    for window in windows(count, request.sequence):
+        yield replace(request, scene=scene), window, all_problems[window.seen.start : window.seen.stop]
+
+
 def predict_errors(
-    request: Request, outcome: Outcome, video: np.ndarray, errors: np.ndarray, deadline: float | None
+    request: Request,
+    outcome: Outcome,
+    problems: Sequence[Problem],
+    window: Window,
+    videos: np.ndarray,
+    errors: np.ndarray,
+    deadline: float | None,
 ) -> None:
-    """errors <- the predicted errors of a video, by a second solve; a remark where they cannot be said."""
-    from pnp_sci.pipeline.uncertainty import uncertainty
+    """errors <- the predicted errors of videos, by a second solve; a remark where they cannot be said."""
+    from pnp_sci.pipeline.uncertainty import held_back, uncertainty, without_pixels
 
     init = request.init if isinstance(request.init, str) else "auto"  # a video knows the pixels that are held back
     same = replace(request, scene=outcome.model or request.scene, init=init)
-
-    def again(problem: Problem) -> np.ndarray:
-        out = np.empty(op.shape, op.dtype)
-        reconstruct(problem, same, out, deadline=deadline, watch=Watch(None))
-        return out / op.dtype.type(problem.unit)
-
-    problem, op = outcome.problem, outcome.problem.op
-    found = None
-    if outcome.status.ok and outcome.model is not None:
-        found = uncertainty(problem, video / op.dtype.type(problem.unit), again)
-    if found is None:
-        outcome.scene["remarks"].append("uncertainty: unknown, as the solve failed or too few pixels can be held back")
-    else:
-        np.multiply(found, problem.unit, out=errors, casting="unsafe")
+    hidden = {n: held_back(problem) for n, problem in zip(window.seen, problems)}
+    second: np.ndarray | None = None
+    if outcome.status.ok and outcome.model is not None and all(pixels is not None for pixels in hidden.values()):
+        second = np.empty_like(videos)
+        others = [without_pixels(problem, hidden[n]) for n, problem in zip(window.seen, problems)]  # type: ignore[arg-type]
+        reconstruct_in_tiles(others, same, second, window=window, deadline=deadline, watch=Watch(None))
+    for k, (n, problem) in enumerate(zip(window.kept, outcome.problems)):
+        found = None
+        if second is not None:
+            unit = videos.dtype.type(problem.unit)
+            found = uncertainty(problem, hidden[n], videos[k] / unit, second[k] / unit)  # type: ignore[arg-type]
+        if found is None:
+            told = "uncertainty: unknown, as the solve failed or too few pixels can be held back"
+            outcome.scenes[k]["remarks"].append(told)
+        else:
+            np.multiply(found, problem.unit, out=errors[k], casting="unsafe")
 
 
 def _middle(end: float | None) -> float | None:
@@ -93,10 +128,10 @@ def _middle(end: float | None) -> float | None:
     return None if end is None else (time.perf_counter() + end) / 2
 
 
-def _share_of_time(began: float, budget: float | None, left: int) -> float | None:
-    """The moment by which the next of so many measurements that are left must be done."""
+def _share_of_time(began: float, budget: float | None, due: int, left: int) -> float | None:
+    """The moment by which those that are due, of so many measurements that are left, must be done."""
     now = time.perf_counter()
-    return None if budget is None else now + (began + budget - now) / left
+    return None if budget is None else now + (began + budget - now) * due / left
 
 
 def _warn_of_lost_views(op: SensingOperator) -> None:

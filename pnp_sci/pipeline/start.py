@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import time
 from collections.abc import Callable, Hashable
-from dataclasses import dataclass, field, fields, replace
+from dataclasses import dataclass, field
 from typing import Any
 
 import numpy as np
@@ -13,7 +13,6 @@ from pnp_sci._validate import real_array, require_finite, shaped
 from pnp_sci.errors import FormatError, InputError
 from pnp_sci.pipeline.auto import NETWORK
 from pnp_sci.plugins.resolve import decoder_for
-from pnp_sci.sensing.operator import SensingOperator
 from pnp_sci.sensing.problem import Problem, level
 from pnp_sci.sensing.scene_model import SceneModel
 from pnp_sci.solvers.pace import LITTLE, SIDE
@@ -111,7 +110,7 @@ def _needed(key: Hashable, decode: Decode, problem: Problem, scene: SceneModel, 
 
     If these would miss the deadline, they are tried again if that takes little time: the machine may have been busy.
     """
-    small, part = _part(problem, SIDE // 2), _part(problem, SIDE)
+    small, part = (problem.crop((slice(0, side), slice(0, side))) for side in (SIDE // 2, SIDE))
     size, n, left = problem.op.masks.size, part.op.masks.size, deadline - time.perf_counter()
     known = _seconds.get(key, 0.0)
     if not known or (key in _guessed and known * size > left and known * n < LITTLE * left):
@@ -134,15 +133,6 @@ def _learn(key: Hashable, seconds: float) -> None:
 def _timed(decode: Decode, problem: Problem, scene: SceneModel) -> tuple[np.ndarray, float]:
     begin = time.perf_counter()
     return decode(problem, scene), time.perf_counter() - begin
-
-
-def _part(problem: Problem, side: int) -> Problem:
-    """A crop of a problem, of so many pixels a side."""
-    crop = (..., slice(0, side), slice(0, side))
-    op = SensingOperator(problem.op.masks[crop], problem.op.dtype)
-    pictures = {f.name: getattr(problem, f.name) for f in fields(problem)}
-    cropped = {name: p[crop] for name, p in pictures.items() if isinstance(p, np.ndarray) and p.ndim == 2}
-    return replace(problem, op=op, **cropped)
 
 
 def _checked(x: Any, problem: Problem) -> np.ndarray:

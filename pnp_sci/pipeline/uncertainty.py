@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from dataclasses import replace
 
 import numpy as np
@@ -15,10 +14,16 @@ WIDTH = 2.0  # pixels: standard deviation of the Gaussian mean around a pixel
 LOWEST = 0.1  # part of the held-back pixels in which errors are smallest
 SHARED = 0.5  # part of the variance that all frames at a pixel share: docs/results/uncertainty.md
 
-Estimate = Callable[[Problem], np.ndarray]
+
+def held_back(problem: Problem, seed: int = 0) -> np.ndarray | None:
+    """Pixels of y (H, W) that a second estimate may not see; None if there are too few."""
+    op = problem.op
+    usable = op.gram > 0 if problem.saturated is None else (op.gram > 0) & ~problem.saturated
+    hidden = usable & (np.random.default_rng(seed).random(problem.y.shape) < HELD_BACK)
+    return hidden if hidden.sum() >= FEWEST else None
 
 
-def uncertainty(problem: Problem, x: np.ndarray, estimate: Estimate, seed: int = 0) -> np.ndarray | None:
+def uncertainty(problem: Problem, hidden: np.ndarray, x: np.ndarray, second: np.ndarray) -> np.ndarray | None:
     """Root mean square error that is expected of each pixel of x (V, B, H, W), in the problem's units.
 
     A tenth of the pixels of y is held back, and the video is estimated again from the others. Errors are large where
@@ -31,23 +36,18 @@ def uncertainty(problem: Problem, x: np.ndarray, estimate: Estimate, seed: int =
     Parameters
     ----------
     problem : Problem
+    hidden : ndarray of bool, (H, W)
+        The pixels that are held back.
     x : ndarray, (V, B, H, W)
-    estimate : callable
-        The video (V, B, H, W) of a problem, made as x was made.
-    seed : int
-        Of the choice of pixels.
+    second : ndarray, (V, B, H, W)
+        Made as x was made, from the problem without the hidden pixels.
 
     Returns
     -------
     ndarray, (V, B, H, W), or None
-        None if too few pixels can be held back, or an estimate is not finite.
+        None if an estimate is not finite.
     """
     op, y = problem.op, problem.y
-    usable = op.gram > 0 if problem.saturated is None else (op.gram > 0) & ~problem.saturated
-    hidden = usable & (np.random.default_rng(seed).random(y.shape) < HELD_BACK)
-    if hidden.sum() < FEWEST:
-        return None
-    second = estimate(without_pixels(problem, hidden))
     if not (np.isfinite(second).all() and np.isfinite(x).all()):
         return None
     pattern = np.sqrt(_around((x - second) ** 2) * _around(_gradient(x)))

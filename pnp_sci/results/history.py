@@ -55,7 +55,7 @@ class Record:
     psnr, ssim : float or None
         Mean over the views, where a reference was given; SSIM only at the last iteration.
     measurement : int
-        Which of several.
+        Which of several; of those of a sequence the first of its window.
     """
 
     iteration: int

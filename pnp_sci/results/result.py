@@ -163,9 +163,12 @@ class Result:
         return "\n".join([line, *(f"  {remark}" for remark in self.remarks)])
 
     def __str__(self) -> str:
-        """The result in a line, and below it how it was obtained: the plan of each measurement, in words."""
-        plans = self.settings.get("plan", [])
-        numbered = [f"  measurement {n + 1}: " if len(plans) > 1 else "  " for n in range(len(plans))]
+        """The result in a line, and below it how it was obtained: each plan in words.
+
+        There is one for each measurement, or for each window of a sequence.
+        """
+        plans, of = self.settings.get("plan", []), "window" if self.settings.get("sequence", 1) > 1 else "measurement"
+        numbered = [f"  {of} {n + 1}: " if len(plans) > 1 else "  " for n in range(len(plans))]
         return "\n".join([repr(self), *(start + _in_words(plan) for start, plan in zip(numbered, plans))])
 
     def _repr_html_(self) -> str:

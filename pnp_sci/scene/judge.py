@@ -143,7 +143,7 @@ class _Comparison:
         if self.by_chance and evidence(errors, beyond(simple, other, op, x), self.hidden) > CHANCE:
             return False
         crop = contested_tile(*(self.hidden * e**2 for e in (errors, others)))
-        part = SensingOperator(op.masks[(..., *crop)], op.dtype)
+        part = op.crop(crop)
         y, hidden, seen = (picture[crop] for picture in (y, self.hidden, self.seen))
         if not hidden.any():
             return False

@@ -92,6 +92,20 @@ class SensingOperator:
         return f"SensingOperator({views} x {frames} masks of {rows} x {columns}, {self.masks.dtype} -> {self.dtype})"
 
     @property
+    def parts(self) -> tuple[SensingOperator, ...]:
+        """The operators of the single measurements: this one alone."""
+        return (self,)
+
+    @property
+    def pictures(self) -> tuple[int, ...]:
+        """Shape of y, (H, W)."""
+        return self.shape[2:]
+
+    def crop(self, where: tuple[slice, slice]) -> SensingOperator:
+        """The operator of a part of the picture, rows and columns."""
+        return SensingOperator(self.masks[(..., *where)], self.dtype)
+
+    @property
     def _planes(self) -> np.ndarray:
         return self.masks.reshape(-1, self.shape[2] * self.shape[3])
 
@@ -201,7 +215,7 @@ def adjoint_mismatch(op: Any, seed: int = 0) -> float:
     Parameters
     ----------
     op : object
-        Has `shape` (V, B, H, W), ``forward(x)`` and ``adjoint(y)``.
+        Has `shape` (V, B, H, W), ``forward(x)`` and ``adjoint(y)``; `pictures`, the shape of y, if it is not (H, W).
     seed : int
         Of x and y.
 
@@ -217,7 +231,7 @@ def adjoint_mismatch(op: Any, seed: int = 0) -> float:
     True
     """
     rng = np.random.default_rng(seed)
-    x, y = rng.standard_normal(op.shape), rng.standard_normal(op.shape[2:])
+    x, y = rng.standard_normal(op.shape), rng.standard_normal(getattr(op, "pictures", op.shape[2:]))
     measured, back = np.asarray(op.forward(x), np.float64), np.asarray(op.adjoint(y), np.float64)
     norm = np.linalg.norm(measured) * np.linalg.norm(y)
     return float(abs((measured * y).sum() - (x * back).sum()) / max(norm, np.finfo(float).tiny))

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, fields, replace
 from typing import Any
 
 import numpy as np
@@ -14,6 +14,7 @@ from pnp_sci.sensing.noise import estimate_noise
 from pnp_sci.sensing.operator import SensingOperator, as_masks
 from pnp_sci.sensing.scene_model import SceneModel
 from pnp_sci.sensing.sensor import Sensor
+from pnp_sci.sensing.sequence import joined
 
 NEAR = (1.5, 6, 24, 96)  # pixels: standard deviations of the Gaussian means that fill pixels whose masks are all 0
 CLOSED = 1e-3  # of the largest weight: smaller means of neighbours are not used
@@ -38,15 +39,15 @@ class Problem:
     Attributes
     ----------
     op : SensingOperator
-    y : ndarray, (H, W)
+    y : ndarray, (H, W), or (N, H, W) of consecutive measurements
         In units where x spans about [0, 1].
     unit : float
         Value of x in the user's units that corresponds to 1 here.
-    noise : float or ndarray, (H, W)
+    noise : float or ndarray, like y
         Standard deviation of the noise of `y`, in its units; an array if it differs between pixels.
-    saturated : ndarray of bool, (H, W), optional
+    saturated : ndarray of bool, like y, optional
         Pixels in which y is only a lower bound of the light.
-    bad : ndarray of bool, (H, W), optional
+    bad : ndarray of bool, like y, optional
         Pixels in which nothing is known of the light: y and all masks are 0.
     """
 
@@ -65,6 +66,12 @@ class Problem:
         if noise.ndim and left_out and not np.logical_or.reduce(left_out).all():
             noise = noise[~np.logical_or.reduce(left_out)]
         return float(np.sqrt(np.mean(np.square(noise))))
+
+    def crop(self, where: tuple[slice, slice]) -> Problem:
+        """The problem of a part of the picture, rows and columns."""
+        pictures = {field.name: getattr(self, field.name) for field in fields(self)}
+        cropped = {name: p[(..., *where)] for name, p in pictures.items() if isinstance(p, np.ndarray)}
+        return replace(self, op=self.op.crop(where), **cropped)
 
 
 def check_measurement(y: Any, bad: np.ndarray | None = None) -> np.ndarray:
@@ -129,6 +136,22 @@ def check_bad(bad: Any, y: Any) -> np.ndarray | None:
 def without(op: SensingOperator, bad: np.ndarray | None) -> SensingOperator:
     """The operator that measures nothing in the bad pixels (H, W): its masks are 0 there."""
     return op if bad is None else SensingOperator(op.masks * (~bad).astype(op.masks.dtype), op.dtype)
+
+
+def check_operators(masks: Any, y: np.ndarray) -> tuple[list[SensingOperator], float]:
+    """As :func:`check_operator`, for the masks of all measurements or, (N, V, B, H, W), of each: one or N operators."""
+    array = masks if isinstance(masks, SensingOperator) else real_array("masks", masks)
+    if isinstance(array, SensingOperator) or array.ndim != 5:
+        op, largest = check_operator(array, y)
+        return [op], largest
+    if len(array) != len(y):
+        raise InputError(
+            f"masks has shape {array.shape}, but y has {len(y)} measurements: (views, frames, rows, columns) for all, "
+            "or as many such sets as there are measurements, were expected"
+        )
+    count, views, *others = array.shape
+    op, largest = check_operator(array.reshape(count * views, *others), y)
+    return [SensingOperator(own, op.dtype) for own in np.split(op.masks, count)], largest
 
 
 def check_operator(masks: Any, y: np.ndarray) -> tuple[SensingOperator, float]:
@@ -233,8 +256,11 @@ def level(op: SensingOperator, y: np.ndarray) -> np.ndarray:
     """The initial estimate "adjoint", (V, B, H, W): the same picture in each frame of each view.
 
     The picture is ``S y / (S^2 + gram / 4)``, where S is the sum of the masks: a regularised least-squares estimate of
-    a level common to all frames. Pixels whose masks are all 0 get the mean of their neighbours.
+    a level common to all frames. Pixels whose masks are all 0 get the mean of their neighbours. Consecutive
+    measurements y (N, H, W) have one picture each.
     """
+    if y.ndim == 3:
+        return joined([level(part, picture) for part, picture in zip(op.parts, y)])
     total = op.masks.sum((0, 1), dtype=op.dtype)
     below = total**2 + op.gram / 4
     common = np.divide(total * y, below, out=np.zeros_like(y), where=below > 0)

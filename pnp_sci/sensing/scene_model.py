@@ -10,6 +10,7 @@ import numpy as np
 
 from pnp_sci.errors import InputError, InputTypeError
 from pnp_sci.sensing.operator import SensingOperator
+from pnp_sci.sensing.sequence import SequenceOperator
 
 
 @dataclass(frozen=True)
@@ -75,6 +76,9 @@ class SceneModel:
         """
         if self.complete:
             return op
+        if len(op.parts) > 1:
+            parts = {id(part): self.reduce(part) for part in op.parts}
+            return SequenceOperator([parts[id(part)] for part in op.parts])
         masks = op.masks[np.array(self.views)]
         if self.nothing_moves:
             masks = masks.sum(1, keepdims=True, dtype=op.dtype)

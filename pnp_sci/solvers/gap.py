@@ -8,7 +8,7 @@ import numpy as np
 
 from pnp_sci._tuned import Tuned
 from pnp_sci.sensing.operator import SensingOperator
-from pnp_sci.solvers.state import Denoise, State, missing
+from pnp_sci.solvers.state import Denoise, State, dot, missing
 
 
 @dataclass(frozen=True)
@@ -81,7 +81,7 @@ def pace_after(pace: float, move: np.ndarray, following: np.ndarray) -> float:
     >>> pace_after(2.0, np.ones((1, 2)), np.ones((1, 2))), pace_after(2.0, np.ones((1, 2)), -np.ones((1, 2)))
     (2.5, 1.28)
     """
-    kept, square = (float(np.einsum("ij,ij", move, m)) for m in (following, move))
+    kept, square = dot(move, following), dot(move, move)
     if kept < TUNED.turning * square:
         return max(pace / TUNED.faster**2, 1.0)
     return min(TUNED.faster * pace, TUNED.fastest) if kept > TUNED.steady * square else pace

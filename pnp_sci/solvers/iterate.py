@@ -37,17 +37,18 @@ def iterate(
     Parameters
     ----------
     op : SensingOperator
-    y : ndarray, (H, W)
+        For consecutive measurements of one video a :class:`pnp_sci.SequenceOperator`.
+    y : ndarray, (H, W), or (N, H, W) of consecutive measurements
         In units where x spans about [0, 1].
     prior : Prior, or what :func:`pnp_sci.as_prior` takes
     x : ndarray, (V, B, H, W)
         The first estimate.
     algorithm : "gap", "plain-gap" or "admm"
-    noise : float or ndarray, (H, W)
+    noise : float or ndarray, like y
         Standard deviation of the noise of y, or of each of its pixels; sets how far the data are trusted.
     sigma : float, optional
         What the prior is called with; by default a rule decides, see :mod:`pnp_sci.solvers.schedule`.
-    saturated : ndarray of bool, (H, W), optional
+    saturated : ndarray of bool, like y, optional
         Pixels in which Phi x may be y or more.
 
     Yields
@@ -71,8 +72,8 @@ def iterate(
     """
     instance("op", op, SensingOperator)
     one_of("algorithm", algorithm, ALGORITHMS)
-    y, x = shaped("y", y, op.shape[2:], op.dtype), shaped("x", x, op.shape, op.dtype)
-    noise = shaped("noise", noise, op.shape[2:], op.dtype) if np.ndim(noise) else finite_number("noise", noise)
+    y, x = shaped("y", y, op.pictures, op.dtype), shaped("x", x, op.shape, op.dtype)
+    noise = shaped("noise", noise, op.pictures, op.dtype) if np.ndim(noise) else finite_number("noise", noise)
     sigma = None if sigma is None else finite_number("sigma", sigma)
     session = InTurn(turns(as_prior(prior), op.shape), op.shape, op.dtype)
     return states(op, y, session, x, ALGORITHMS[algorithm], schedule_for(op, noise, sigma), saturated)

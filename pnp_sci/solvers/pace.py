@@ -44,16 +44,16 @@ def pace(prior: Prior, op: SensingOperator, y: np.ndarray, left: float) -> Pace:
         Seconds until the deadline. What would miss it is tried again if that takes little of it: the machine may have
         been busy.
     """
-    key, size = _key(prior, op.shape), op.masks.size
+    key, size = _key(prior, op.shape), int(np.prod(op.shape))
     if key not in _known and _is_opaque(prior):
         return Pace()
-    crop = (..., slice(0, SIDE), slice(0, SIDE))
-    if key not in _known or _is_doubtful(_known[key], size, op.masks[crop].size, left):
-        part = SensingOperator(op.masks[crop], op.dtype)
+    crop = slice(0, SIDE), slice(0, SIDE)
+    part, shown = op.crop(crop), y[(..., *crop)]
+    if key not in _known or _is_doubtful(_known[key], size, int(np.prod(part.shape)), left):
         if key not in _warm:
-            _tried(prior, part, y[crop])  # loads and compiles
+            _tried(prior, part, shown)  # loads and compiles
         _warm.add(key)
-        _learn(key, _tried(prior, part, y[crop]))
+        _learn(key, _tried(prior, part, shown))
     return _known[key].times(size)
 
 
@@ -110,7 +110,7 @@ def _tried(prior: Prior, op: SensingOperator, y: np.ndarray) -> Pace:
     for state in itertools.islice(course, 2):  # noqa: B007, the last one is finished
         moments.append(time.perf_counter())
     session.finish(state.x, state.sigma)
-    first, second, finish = np.diff([*moments, time.perf_counter()]) / op.masks.size
+    first, second, finish = np.diff([*moments, time.perf_counter()]) / np.prod(op.shape)
     return Pace(max(first, second), second, finish)
 
 

@@ -130,7 +130,7 @@ def make_plan(
     if iterations is None:
         iterations = prior.calls if isinstance(prior, Stages) else None
     if iterations is None:
-        iterations = iterations_for(effort, prior, op.shape, schedule)
+        iterations = iterations_for(effort, prior, op.parts[0].shape, schedule)
     return Plan(algorithm, order, schedule, iterations, tol * contrast(op), order[-1].begins, deadline)
 
 

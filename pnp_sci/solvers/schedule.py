@@ -32,11 +32,12 @@ def contrast(op: SensingOperator) -> float:
     """How strongly the masks modulate y: 1 for up to 20 binary masks of density 1/2, less for dense or many masks.
 
     The spread of the masks over views and frames, ``sqrt(sum(gram - S^2 / n) / sum(S^2))`` with S their sum and n their
-    number, in units of 0.22, and 1 at most.
+    number, in units of 0.22, and 1 at most. Of a sequence, that of the first measurement.
     """
-    total = op.masks.sum((0, 1), dtype=np.float64)
+    first = op.parts[0]
+    total = first.masks.sum((0, 1), dtype=np.float64)
     level = float(np.sum(total**2))
-    spread = float(np.sum(op.gram, dtype=np.float64)) - level / (op.shape[0] * op.shape[1])
+    spread = float(np.sum(first.gram, dtype=np.float64)) - level / (first.shape[0] * first.shape[1])
     if level == 0 or spread <= 0:  # masks that cancel each other, or a single frame
         return 1.0
     return min(1.0, float(np.sqrt(spread / level)) / HALF_OPEN)
@@ -90,7 +91,7 @@ def schedule_for(op: SensingOperator, noise: float | np.ndarray, sigma: float | 
     within 40 iterations to the geometric mean of both, so that motion and detail become visible. Where pixels differ in
     noise, each has its own rho, and the mean product decides on sigma.
     """
-    gram, frames = float(np.mean(op.gram)), op.shape[0] * op.shape[1]
+    gram, frames = float(np.mean(op.gram)), op.parts[0].shape[0] * op.parts[0].shape[1]
     product = _product(noise, gram, frames) if gram > 0 else 0.0
     mean = float(np.mean(product))
     if sigma is not None:

@@ -68,5 +68,10 @@ def start(op: SensingOperator, y: np.ndarray, x: np.ndarray) -> State:
 
 
 def length(picture: np.ndarray) -> float:
-    """Euclidean norm of (H, W); einsum does not start threads, which would disturb those of the kernels."""
-    return float(np.sqrt(np.einsum("ij,ij", picture, picture)))
+    """Euclidean norm of (..., H, W); einsum does not start threads, which would disturb those of the kernels."""
+    return float(np.sqrt(dot(picture, picture)))
+
+
+def dot(one: np.ndarray, other: np.ndarray) -> float:
+    """Inner product of pictures (..., H, W)."""
+    return float(np.einsum("i,i", one.reshape(-1), other.reshape(-1)))

@@ -40,7 +40,7 @@ def test_solve_hands_on_every_option(monkeypatch, meas):
     monkeypatch.setattr(pnp_sci.api, "solve", recorded)
     arguments = (
         "--prior tv:6,wavelet:2 --algorithm admm --init zeros --effort fast --iterations 8 --noise 0.01"
-        " --time-budget 2 --threads 2 --seed 3 --register"
+        " --time-budget 2 --threads 2 --seed 3 --register --sequence"
     )
     done = run("solve", meas, *arguments.split(), "--option", "inner=5", "--option", "mode=soft")
     assert done.exit_code == 0, done.output
@@ -56,6 +56,7 @@ def test_solve_hands_on_every_option(monkeypatch, meas):
         "threads": 2,
         "seed": 3,
         "register": True,
+        "sequence": True,
         "device": None,
         "reference": None,
         "peak": None,
@@ -162,3 +163,18 @@ def test_the_camera_on_the_command_line(meas, tmp_path):
     assert settings["sensor"] == {"read_noise": 0.1, "gain": 0.01, "full_scale": 6.0, "bits": 8}
     assert "beside a gain" in fails(2, "solve", meas, "--gain", 1)
     assert "full_scale is None" in fails(2, "compare", meas, "--noise", 1, "--bits", 8)
+
+
+def test_consecutive_measurements_with_masks_of_their_own(here):
+    scene = embedded_scene(32)
+    masks = np.stack([np.roll(scene.masks, shift, axis=-1) for shift in range(3)])
+    y = np.stack([simulate(scene.truth, own) for own in masks])
+    io.write("film.npz", {"y": y, "masks": masks, "x": np.stack([scene.truth] * 3)})
+    done = run("solve", "film.npz", "--sequence", "--iterations", 4, "--reference", "film.npz", "--out", "r.npz")
+    assert done.exit_code == 0, done.output
+    expected = pnp_sci.api.solve(y, masks, sequence=True, iterations=4)
+    assert np.allclose(Result.load("r.npz").x, expected.x, atol=1e-5)
+    done = run("solve", "film.npz", "--index", 1, "--iterations", 4, "--out", "one.npz")
+    assert done.exit_code == 0, done.output
+    assert np.allclose(Result.load("one.npz").x, pnp_sci.api.solve(y[1], masks[1], iterations=4).x, atol=1e-5)
+    assert "sequence is True" in fails(1, "solve", "film.npz", "--sequence", "--index", 1)

@@ -161,8 +161,9 @@ def test_videos_of_several_measurements(tmp_path):
     assert np.array_equal(io.read_video(tmp_path / "a.npz", 2), x)
     with pytest.raises(FormatError, match="planes for 3 views"):
         io.read_video(tmp_path / "a.npz", 3)
-    with pytest.raises(FormatError, match="planes for 1 views"):
-        io.read_masks(tmp_path / "a.npz", key="x")
+    assert np.array_equal(io.read_masks(tmp_path / "a.npz", key="x"), x)
+    with pytest.raises(FormatError, match="planes for 3 views"):
+        io.read_masks(tmp_path / "a.npz", 3, key="x")
 
 
 # ---- layouts --------------------------------------------------------------------------------------------------------

@@ -1,0 +1,135 @@
+"""Large pictures: tiles that overlap, solved one after the other, so that memory is bounded."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass, replace
+from itertools import pairwise, product
+
+import numpy as np
+
+from pnp_sci.pipeline.measurement import Outcome, counts, judged_until, reconstruct, untouched
+from pnp_sci.pipeline.progress import Watch
+from pnp_sci.pipeline.reference import Reference
+from pnp_sci.pipeline.request import Request
+from pnp_sci.pipeline.sequence import MOST, Window
+from pnp_sci.results.history import Record, Status
+from pnp_sci.scene.choose import choose_scene
+from pnp_sci.sensing.problem import Problem
+from pnp_sci.solvers.state import length
+
+MARGIN = 64  # pixels that a tile sees beyond its own on every side
+GRID = 8  # pixels: tiles begin at multiples, as blocks of the priors do
+
+
+@dataclass(frozen=True)
+class Tile:
+    """A part of the picture.
+
+    Attributes
+    ----------
+    seen : tuple of slice
+        Rows and columns that are solved.
+    kept : tuple of slice
+        Those whose result is used: every pixel is in one tile.
+    """
+
+    seen: tuple[slice, slice]
+    kept: tuple[slice, slice]
+
+    @property
+    def inner(self) -> tuple[slice, slice]:
+        """Where the kept pixels are among those seen."""
+        starts = [seen.start for seen in self.seen]
+        rows, columns = (slice(k.start - s, k.stop - s) for k, s in zip(self.kept, starts))
+        return rows, columns
+
+
+def tiles(shape: Sequence[int], most: int) -> list[Tile]:
+    """Tiles of a video (V, B, H, W), each of about `most` values at most.
+
+    >>> [tile.kept[0] for tile in tiles((8, 800, 200), 8 * 340 * 340)]
+    [slice(0, 200, None), slice(200, 400, None), slice(400, 600, None), slice(600, 800, None)]
+    """
+    frames = int(np.prod(shape[:-2]))
+    if int(np.prod(shape)) <= most:
+        side = max(shape[-2:])
+    else:
+        side = max(int((most / frames) ** 0.5) - 2 * MARGIN, 2 * MARGIN)
+    rows, columns = (list(_spans(length, side)) for length in shape[-2:])
+    return [Tile((r[0], c[0]), (r[1], c[1])) for r, c in product(rows, columns)]
+
+
+def _spans(length: int, side: int) -> Iterator[tuple[slice, slice]]:
+    """Rows or columns that a tile sees, and those that it keeps; about `side` of these."""
+    count = -(-length // side)
+    ends = [round(length * n / count / GRID) * GRID for n in range(count)] + [length]
+    for begin, end in pairwise(ends):
+        yield slice(max(begin - MARGIN, 0), min(end + MARGIN, length)), slice(begin, end)
+
+
+def reconstruct_in_tiles(
+    problems: Sequence[Problem],
+    request: Request,
+    out: np.ndarray,
+    *,
+    window: Window,
+    deadline: float | None = None,
+    watch: Watch,
+    truth: Reference | None = None,
+) -> Outcome:
+    """Solve the measurements that a window sees, as one video; large pictures tile by tile.
+
+    The videos of those that are kept go to `out` (N, V, B, H, W), in the user's units.
+    """
+    shape = problems[0].op.shape
+    parts = tiles((len(problems), *shape), MOST)
+    if len(parts) == 1:
+        return reconstruct(problems, request, out, window=window, deadline=deadline, watch=watch, truth=truth)
+    strong = request.prior.traits(shape).strong
+    scene = choose_scene(request.scene, problems[0], strong, strong, judged_until(deadline))
+    outcomes = []
+    for left, tile in zip(range(len(parts), 0, -1), parts):
+        own = replace(request.cropped(tile.seen), scene=scene)
+        cropped = [problem.crop(tile.seen) for problem in problems]
+        video = np.empty((*out.shape[:3], *cropped[0].op.shape[2:]), out.dtype)
+        now = time.perf_counter()
+        end = None if deadline is None else now + (deadline - now) / left
+        if watch.stopped:
+            outcomes.append(untouched(window.of_kept(cropped), video, window.kept))
+        else:
+            outcomes.append(reconstruct(cropped, own, video, window=window, deadline=end, watch=watch))
+        out[(..., *tile.kept)] = video[(..., *tile.inner)]
+    return _of_tiles(outcomes, window.of_kept(problems), out, window, truth)
+
+
+def _of_tiles(
+    outcomes: Sequence[Outcome], problems: Sequence[Problem], out: np.ndarray, window: Window, truth: Reference | None
+) -> Outcome:
+    """What has become of measurements whose tiles have these outcomes; PSNR is of the last iteration only."""
+    first = outcomes[0]
+    norms = [float(np.linalg.norm([length(problem.y) for problem in outcome.problems])) for outcome in outcomes]
+    records = merged([outcome.records for outcome in outcomes], norms)
+    scenes = [{**scene, **counts(problem)} for scene, problem in zip(first.scenes, problems)]
+    if truth:
+        scores = [(truth.psnr(video, n), truth.ssim(video, n)) for n, video in zip(window.kept, out)]
+        psnr, ssim = np.mean(scores, axis=0).tolist()
+        records[-1] = replace(records[-1], psnr=psnr, ssim=ssim)
+    status = Status.worst([outcome.status for outcome in outcomes])
+    return replace(first, problems=list(problems), status=status, records=records, scenes=scenes)
+
+
+def merged(courses: Sequence[Sequence[Record]], norms: Sequence[float]) -> list[Record]:
+    """One course of the tiles' records: their seconds together, and the residual of all; `norms` are their ``||y||``.
+
+    A tile that has stopped counts with its last record.
+    """
+    weights = np.square(norms) / max(float(np.sum(np.square(norms))), np.finfo(float).tiny)
+    records = []
+    for k in range(max(map(len, courses))):
+        now = [course[min(k, len(course) - 1)] for course in courses]
+        residual = float(np.sqrt(np.dot(weights, [record.residual**2 for record in now])))
+        latest = max(now, key=lambda record: record.iteration)
+        records.append(replace(latest, seconds=sum(record.seconds for record in now), residual=residual))
+    return records
