@@ -26,7 +26,7 @@ def plot_video(
     x: Any,
     frames: Sequence[int] | None = None,
     reference: Any = None,
-    white: float | None = None,
+    white: float | Sequence[float] | np.ndarray | None = None,
     uncertainty: Any = None,
 ) -> Figure:
     """Frames from left to right, a row for each view.
@@ -38,8 +38,9 @@ def plot_video(
         Which to show, counted from 0. Default: at most 6, evenly spread.
     reference : array_like, same shape, optional
         Shown in a row below each view.
-    white : float, optional
-        The value shown as white; black is 0. Default: the largest of `reference`, or of `x` without one.
+    white : float or sequence of float, optional
+        The value shown as white, for all views or for each; black is 0. Default: the largest of `reference`, or of `x`
+        without one.
     uncertainty : array_like, same shape, optional
         The predicted error of each pixel, in a row below each view; white is the largest.
 
@@ -65,6 +66,7 @@ def plot_video(
     views, count = x.shape[:2]
     chosen = _chosen(frames, count, _SHOWN)
     white = float((x if reference is None else rows[1][1]).max()) if white is None else white
+    whites = np.resize(np.asarray(white, np.float64), views)  # views of several measurements follow one another
     height = _PANEL * x.shape[2] / x.shape[3]
     size = _PANEL * len(chosen), height * views * len(rows) + 0.3
     figure = _figure()(figsize=size, layout="constrained")
@@ -72,7 +74,11 @@ def plot_video(
     for row, column in np.ndindex(axes.shape):
         view, (kind, films) = row // len(rows), rows[row % len(rows)]
         axis = axes[row, column]
-        _show(axis, films[view, chosen[column]], float(np.nan_to_num(films).max()) if "uncertainty" in kind else white)
+        _show(
+            axis,
+            films[view, chosen[column]],
+            float(np.nan_to_num(films).max()) if "uncertainty" in kind else float(whites[view]),
+        )
         if row == 0:
             axis.set_title(f"frame {chosen[column] + 1}", fontsize=8)
         if column == 0:

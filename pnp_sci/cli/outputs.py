@@ -13,8 +13,7 @@ if TYPE_CHECKING:
 
     from pnp_sci.results.result import Result
 
-SAVED = ".npz", ".h5", ".hdf5"  # what holds a result
-ARRAYS = *SAVED, ".mat"  # ... and several arrays
+SAVED = ".npz", ".h5", ".hdf5", ".mat"  # what holds a result, and several arrays
 SHOWN = ".mp4", ".avi", ".mov", ".mkv", ".gif", ".tif", ".tiff", ".png"
 
 

@@ -51,9 +51,11 @@ from pnp_sci.cli.outputs import SAVED, SHOWN, print_scores, save_somewhere
 @click.option("--reference-key", help="Name of the true video in its file, where it cannot be told.")
 @click.option("--peak", type=POSITIVE, help="White in the true video.  [default: of its type, 1 of floats up to 1]")
 @click.option(
-    "--out", type=Output(*SAVED), default=Path("result.npz"), show_default=True, help="Result: .npz, .h5, .hdf5."
+    "--out", type=Output(*SAVED), default=Path("result.npz"), show_default=True, help="Result: .npz, .h5, .hdf5, .mat."
 )
-@click.option("--video", type=Output(*SHOWN), help="For looking at: .mp4, .avi, .gif, .tif or .png.")
+@click.option("--video", type=Output(*SHOWN), help="For looking at: .mp4, .avi, .gif or .png; .tif holds values.")
+@click.option("--fps", type=POSITIVE, default=10, show_default=True, help="Frames per second of --video.")
+@click.option("--white", help="White in --video: a value, or view: of each view its own.  [default: of all views]")
 def solve(
     measurement: Path,
     masks_file: Path | None,
@@ -74,6 +76,8 @@ def solve(
     peak: float | None,
     out: Path,
     video: Path | None,
+    fps: float,
+    white: str | None,
     **settings: Any,
 ) -> None:
     """Recover the video of each view from MEASUREMENT.
@@ -81,7 +85,7 @@ def solve(
     The file may hold one measurement or several.
     """
     prior_options, stages = _pairs(options), _prior(prior)
-    sensor = camera(noise, gain, full_scale, bits)
+    sensor, brightness = camera(noise, gain, full_scale, bits), _white(white)
     from pnp_sci import Calibration, api, io
 
     masks = masks_for(measurement, masks_file or calibration, views, masks_key)
@@ -109,12 +113,20 @@ def solve(
     )
     written = [save_somewhere(result, out)]
     if video is not None:
-        result.export(video)
+        result.export(video, fps, brightness)
         written.append(video)
     click.echo(repr(result))
     print_scores(result.x, truth, peak)
     click.echo(f"Written: {', '.join(map(str, written))}")
     result.raise_for_status()
+
+
+def _white(text: str | None) -> float | str | None:
+    """``"view"``, a number, or nothing."""
+    try:
+        return text if text in (None, "view") else float(text)
+    except ValueError:
+        raise click.BadParameter(f"{text!r} came, a number or view was expected", param_hint="--white") from None
 
 
 def _pairs(options: tuple[str, ...]) -> dict[str, Any]:

@@ -9,7 +9,7 @@ import logging
 import re
 import struct
 import zlib
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from pathlib import Path
 from typing import Any
 
@@ -114,8 +114,21 @@ def _planes_first(array: np.ndarray) -> np.ndarray:
     return array.transpose(*range(array.ndim - 1, 1, -1), 0, 1) if array.ndim > 2 else array
 
 
-def save(path: Path, arrays: dict[str, np.ndarray]) -> None:
-    """Write MAT v5."""
+def load_texts(path: Path) -> dict[str, str]:
+    """All texts of a file of MAT v5, by name."""
+    import scipy.io  # here once, not in each child
+
+    def read() -> dict[str, np.ndarray]:
+        found = {
+            key: a for key, a in scipy.io.loadmat(path).items() if not key.startswith("__") and a.dtype.kind == "U"
+        }
+        return {key: np.frombuffer("".join(a.ravel()).encode(), np.uint8) for key, a in found.items()}
+
+    return {key: part.tobytes().decode() for key, part in apart(read, path.stat().st_size).items()}
+
+
+def save(path: Path, arrays: Mapping[str, np.ndarray], texts: Mapping[str, str] | None = None) -> None:
+    """Write arrays, planes last, and texts as MAT v5."""
     import scipy.io
 
     for key, a in arrays.items():
@@ -124,4 +137,4 @@ def save(path: Path, arrays: dict[str, np.ndarray]) -> None:
         if a.ndim < 2 or a.dtype in (np.float16, np.longdouble):
             raise InputTypeError(f"{key} is {a.dtype} {a.shape}: MAT-files have no 1-D, float16 or longdouble arrays")
     last = {key: a.transpose(-2, -1, *range(a.ndim - 3, -1, -1)) for key, a in arrays.items()}
-    scipy.io.savemat(path, last, do_compression=True)
+    scipy.io.savemat(path, last | dict(texts or {}), do_compression=True)

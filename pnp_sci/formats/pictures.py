@@ -151,8 +151,8 @@ def _from_imagej(file: object) -> np.ndarray:
     return stack.reshape(stack.shape[4 - ndim :])
 
 
-def save_tiff(path: Path, array: np.ndarray) -> None:
-    """Write (H, W), (B, H, W) or (V, B, H, W), for ImageJ where it knows the type."""
+def save_tiff(path: Path, array: np.ndarray, fps: float | None = None) -> None:
+    """Write (H, W), (B, H, W) or (V, B, H, W), for ImageJ where it knows the type; `fps` is noted for it."""
     import tifffile
 
     if array.ndim < 2 or array.dtype == np.longdouble:
@@ -160,7 +160,8 @@ def save_tiff(path: Path, array: np.ndarray) -> None:
     for_imagej = array.dtype in (np.uint8, np.uint16, np.float32) and array.ndim in (2, 3, 4)
     if for_imagej and array.shape[-1] > 1:  # tifffile would read a single column as colour samples
         stack = array.swapaxes(0, 1) if array.ndim == 4 else array
+        rate = {} if fps is None else {"fps": fps, "finterval": 1 / fps}
         axes = {2: "YX", 3: "TYX", 4: "TCYX"}[array.ndim]
-        tifffile.imwrite(path, stack, imagej=True, metadata={"axes": axes, "ndim": array.ndim})
+        tifffile.imwrite(path, stack, imagej=True, metadata={"axes": axes, "ndim": array.ndim} | rate)
     else:
         tifffile.imwrite(path, array, photometric="minisblack")

@@ -218,4 +218,5 @@ def package_settings(request: Request, outcomes: Sequence[Outcome]) -> dict[str,
         "share": [outcome.shares for outcome in outcomes],
         "iterations": max((plan["iterations"] for plan in plans if plan), default=0),
         "plan": plans,
+        "status": [outcome.status.value for outcome in outcomes],
     }

@@ -2,23 +2,21 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from dataclasses import dataclass, field
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from pnp_sci import io
-from pnp_sci.errors import FormatError, InputError, SolverError
-from pnp_sci.formats import arrays as _formats
+from pnp_sci.errors import InputError, SolverError
 from pnp_sci.results import storage
+from pnp_sci.results.export import PERCENTILE, White, as_dataset, export, parts, white_of
 from pnp_sci.results.history import History, Record, Status
 
 if TYPE_CHECKING:
+    import xarray
     from matplotlib.figure import Figure
-
-_WHITE_PERCENTILE = 99.9  # a few overshooting pixels do not darken the picture
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -66,7 +64,7 @@ class Result:
     def white(self) -> float:
         """The value shown as white: ``settings["peak"]`` if there is one, else the 99.9th percentile of x."""
         peak = self.settings.get("peak")
-        white = float(np.percentile(self.x, _WHITE_PERCENTILE)) if peak is None else float(peak)
+        white = float(np.percentile(self.x, PERCENTILE)) if peak is None else float(peak)
         return white if white > 0 else 1.0
 
     @property
@@ -96,7 +94,9 @@ class Result:
         return [text if len(ns) == count else f"measurement {_counted(ns)}: {text}" for text, ns in concerned.items()]
 
     def save(self, path: str | Path) -> None:
-        """Write NPZ or HDF5 (.h5, .hdf5), which :meth:`load` reads; the rest is JSON in it, never pickle.
+        """Write NPZ, HDF5 (.h5, .hdf5) or MAT, which :meth:`load` reads; the rest is JSON in it, never pickle.
+
+        In MAT-files planes come last, (H, W, B, V), as in MATLAB.
 
         A write that is interrupted leaves nothing behind, and the file that was there before as it was.
         """
@@ -115,48 +115,78 @@ class Result:
         """
         return cls(**storage.load(Path(path)))
 
-    def plot(self, frames: Sequence[int] | None = None, reference: Any = None, uncertainty: bool = False) -> Figure:
-        """A picture of some frames of each view, white as :attr:`white` or as the largest value of the reference.
+    def plot(
+        self, frames: Sequence[int] | None = None, reference: Any = None, uncertainty: bool = False, white: White = None
+    ) -> Figure:
+        """A picture of some frames of each view.
 
-        See :func:`pnp_sci.plot.plot_video` for the parameters.
+        White is :attr:`white`, or the largest value of the reference, or as for :meth:`export`. See
+        :func:`pnp_sci.plot.plot_video` for the other parameters.
         """
         from pnp_sci.plot import plot_video
 
         errors = self.uncertainty if uncertainty else None
         if uncertainty and errors is None:
             raise InputError("uncertainty was not asked for: solve(..., uncertainty=True) predicts it")
-        return plot_video(self.x, frames, reference, self.white if reference is None else None, errors)
+        shown = None if reference is not None and white is None else white_of(self.x, white, self.white).ravel()
+        return plot_video(self.x, frames, reference, shown, errors)
 
-    def export(self, path: str | Path, fps: float = 10) -> None:
-        """Write it for looking at: values are divided by :attr:`white` and clipped to [0, 1].
+    def export(self, path: str | Path, fps: float = 10, white: White = None) -> None:
+        """Write it for looking at, or as a stack of pictures with its values.
 
         Parameters
         ----------
         path : path
-            MP4, AVI or GIF: a film of 8 bits, the views side by side. TIFF: the same frames as a stack of float32.
-            PNG: one picture of 8 bits, frames from left to right, views below each other. Several measurements follow
-            one another, or lie below each other in a PNG.
+            MP4, AVI or GIF: a film of 8 bits, the views side by side. PNG: one picture of 8 bits, frames from left to
+            right, views below each other. TIFF: float32, unscaled, for ImageJ: frames as times and views as channels.
+            Several measurements follow one another, or lie below each other in a PNG.
         fps : float
-            Frames per second of a film.
+            Frames per second of a film; in a TIFF it is noted.
+        white : float, sequence of float, or "view"
+            The value that is white in films and pictures: for all views, for each, or "view" for the 99.9th percentile
+            of each view, so that dim views are seen. By default :attr:`white`.
 
         Raises
         ------
         FormatError
             If the suffix is another.
+        InputError
+            If `fps` or `white` cannot be used.
         """
-        path, (rows, columns) = Path(path), self.x.shape[-2:]
-        shown = np.clip(self.x / self.white, 0, 1).astype(np.float32).reshape(-1, *self.x.shape[-4:])
-        films = shown.transpose(0, 2, 3, 1, 4).reshape(-1, rows, shown.shape[1] * columns)
-        suffix = path.suffix.lower()
-        if suffix in _formats.VIDEO:
-            io.write_video(path, films, fps)
-        elif suffix in {".tif", ".tiff"}:
-            io.write(path, films)
-        elif suffix == ".png":
-            io.write(path, shown.transpose(0, 1, 3, 2, 4).reshape(-1, shown.shape[2] * columns))
-        else:
-            known = ", ".join(sorted({*_formats.VIDEO, ".tif", ".tiff", ".png"}))
-            raise FormatError(f"{path}: cannot export as {suffix or 'a file without suffix'}; known are {known}")
+        export(Path(path), self.x, white_of(self.x, white, self.white), fps)
+
+    def to_xarray(self, fps: float | None = None) -> xarray.Dataset:
+        """Labelled arrays: `x` and, where it is known, `uncertainty`; needs the extra ``xarray``.
+
+        Dimensions are measurement (of several), view, frame, row and column. Status, remarks and, as JSON, settings are
+        attributes. With `fps`, frames per second, the coordinate `time` has seconds since the first frame.
+        """
+        return as_dataset(self, fps)
+
+    def __len__(self) -> int:
+        return len(self.x) if self.x.ndim == 5 else 1
+
+    def __getitem__(self, index: int | slice) -> Result:
+        """The result of one of several measurements, or of some: its video, history, plan, scene and errors.
+
+        A measurement of a sequence has the history and the plan of its window.
+        """
+        if self.x.ndim != 5:
+            raise InputError(f"index is {index!r}, but the result is of one measurement alone")
+        try:
+            numbers = range(len(self.x))[index]
+        except (IndexError, TypeError) as error:
+            expected = f"a number from {-len(self.x)} to {len(self.x) - 1}, or a slice, was expected"
+            raise InputError(f"index is {index!r}: {expected}") from error
+        own = parts(self, numbers if isinstance(numbers, range) else [numbers])
+        history = History(replace(record, measurement=k) for k, record in own["records"])
+        errors = None if self.uncertainty is None else self.uncertainty[index]
+        statuses = own["settings"].get("status")
+        status = Status.worst(map(Status, statuses)) if statuses else self.status
+        return Result(self.x[index], status, history, own["settings"], own["scenes"], errors)
+
+    def __iter__(self) -> Iterator[Result]:
+        return (self[n] for n in range(len(self)))
 
     def __repr__(self) -> str:
         line = f"Result({self._size()}, {self._effort()}: {self.status.value}{self._scores()})"

@@ -1,4 +1,4 @@
-"""Results in files: NPZ or HDF5, arrays beside JSON, nothing pickled."""
+"""Results in files: NPZ, HDF5 or MAT, arrays beside JSON, nothing pickled."""
 
 from __future__ import annotations
 
@@ -10,12 +10,12 @@ from typing import Any
 import numpy as np
 
 from pnp_sci.errors import FormatError, InputTypeError, MissingExtraError
-from pnp_sci.formats import hdf5, npz
+from pnp_sci.formats import hdf5, mat, npz
 from pnp_sci.formats.child import apart
 from pnp_sci.formats.replacing import replacing
 from pnp_sci.results.history import History, Status
 
-SUFFIXES = ".npz", ".h5", ".hdf5"
+SUFFIXES = ".npz", ".h5", ".hdf5", ".mat"
 _EARLIER_STATUSES = {  # sentences that older files hold
     "the residual grew: the best iterate before that is returned": Status.DIVERGED,
     "an iterate was not finite: the last finite one is returned": Status.NOT_FINITE,
@@ -45,6 +45,8 @@ def save(
     with replacing(path) as temporary:
         if path.suffix.lower() == ".npz":
             npz.save(temporary, arrays | {key: np.array(text) for key, text in texts.items()}, packed=False)
+        elif path.suffix.lower() == ".mat":
+            mat.save(temporary, arrays, texts)
         else:
             with hdf5.creating(temporary) as file:
                 for name, array in arrays.items():
@@ -66,7 +68,7 @@ def load(path: Path) -> dict[str, Any]:
     if not path.is_file():
         raise FileNotFoundError(f"{path}: there is no such file")
     try:
-        return _fields(_read_npz(path) if path.suffix.lower() == ".npz" else _read_hdf5(path))
+        return _fields(_READERS[path.suffix.lower()](path))
     except MissingExtraError:
         raise
     except Exception as error:  # each library has its own exceptions for a damaged file
@@ -128,8 +130,15 @@ def _read_hdf5(path: Path) -> Mapping[str, Any]:
     return {key: part.tobytes().decode() if part.dtype == np.uint8 else part for key, part in parts.items()}
 
 
+def _read_mat(path: Path) -> Mapping[str, Any]:
+    return {**mat.load(path), **mat.load_texts(path)}
+
+
 def _parts(path: Path) -> dict[str, np.ndarray]:
     """Arrays and, as bytes, texts."""
     with hdf5.h5py().File(path, "r") as file:
         texts = {key: np.frombuffer(str(text).encode(), np.uint8) for key, text in file.attrs.items()}
         return texts | {key: np.asarray(file[key]) for key in ("x", "history", "uncertainty") if key in file}
+
+
+_READERS = {".npz": _read_npz, ".h5": _read_hdf5, ".hdf5": _read_hdf5, ".mat": _read_mat}

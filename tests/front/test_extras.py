@@ -10,7 +10,18 @@ from pathlib import Path
 import pytest
 
 ROOT = Path(__file__).parents[2]
-OPTIONAL = ["matplotlib", "imageio_ffmpeg", "h5py", "pooch", "jinja2", "torch", "safetensors", "deepinv", "onnx"]
+OPTIONAL = [
+    "matplotlib",
+    "imageio_ffmpeg",
+    "h5py",
+    "pooch",
+    "jinja2",
+    "xarray",
+    "torch",
+    "safetensors",
+    "deepinv",
+    "onnx",
+]
 HIDE = """
 import sys
 from importlib.machinery import PathFinder
@@ -74,6 +85,7 @@ def extras():
         ("h5py", "open('views.h5', 'wb').close(); io.read('views.h5')", "hdf5"),
         ("h5py", "result.save('result.h5')", "hdf5"),
         ("h5py", "open('result.h5', 'wb').close(); pnp_sci.Result.load('result.h5')", "hdf5"),
+        ("xarray", "result.to_xarray()", "xarray"),
         ("pooch", "pnp_sci.datasets.singleview('runner')", "data"),
         ("pooch", "pnp_sci.datasets.available()", "data"),
         ("jinja2", "pnp_sci.bench.compare(scene.y, scene.masks, NONE).save_html('report.html')", "report"),
