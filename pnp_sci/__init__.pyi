@@ -13,6 +13,8 @@ from .camera.quality import Quality as Quality
 from .camera.register import register as register
 from .camera.registration import Registration as Registration
 from .camera.warp import Transform as Transform
+from .fleet.reconstruct import reconstruct as reconstruct
+from .fleet.reconstruction import Reconstruction as Reconstruction
 from .masks import MaskCondition as MaskCondition
 from .masks import condition as condition
 from .masks import moving_masks as moving_masks

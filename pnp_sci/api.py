@@ -46,6 +46,7 @@ def solve(
     callback: Callable[[State], Any] | None = None,
     progress: bool = False,
     device: str | None = None,
+    backend: str | None = None,
     threads: int | None = None,
     seed: int = 0,
     register: bool | Registration = False,
@@ -84,8 +85,8 @@ def solve(
         White in the reference. By default 255 of uint8, 65535 of uint16, and 1 of floats that are not larger.
     callback : callable, optional
         Called with each `State` of what is modelled; a true value stops the solver, for all measurements.
-    progress, device, threads, seed
-        Progress bar; where networks run, such as "cuda"; CPU threads at most; for priors that draw random numbers.
+    progress, device, backend, threads, seed
+        Progress bar; where to run, as "cuda"; "torch" (default on devices) or "numba"; CPU threads; of random numbers.
     register : bool or Registration
         First move the masks to where y has them, and subtract the black level: :func:`pnp_sci.register`.
     uncertainty : bool
@@ -115,8 +116,8 @@ def solve(
     return solve_all(y, masks, reference, peak, dict(
         prior=prior, prior_options=prior_options, init=init, algorithm=algorithm, effort=effort, scene=scene, bad=bad,
         iterations=iterations, noise=noise, sigma=sigma, tol=tol, time_budget=time_budget, callback=callback,
-        progress=progress, device=device, threads=threads, seed=seed, register=register, uncertainty=uncertainty,
-        sequence=sequence,
+        progress=progress, device=device, backend=backend, threads=threads, seed=seed, register=register,
+        uncertainty=uncertainty, sequence=sequence,
     ))  # fmt: skip
 
 
@@ -185,6 +186,7 @@ def decode(
         Status.worst(statuses),
         History(records),
         {"model": model if isinstance(model, str) else repr(model), "model_options": as_plain(options)}
+        | {"statuses": [status.name for status in statuses]}
         | provenance(y, masks, given.largest, problems, began),
         scenes,
     )

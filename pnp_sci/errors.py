@@ -5,6 +5,10 @@ class InputError(ValueError):
     """A value that cannot be used: the message names the argument, what came and what was expected."""
 
 
+class InputIndexError(InputError, IndexError):
+    """A number that is beyond the last one."""
+
+
 class InputTypeError(TypeError):
     """An argument of a kind that cannot be used."""
 

@@ -14,6 +14,7 @@ import numpy as np
 
 from pnp_sci._optional import needed_for
 from pnp_sci.errors import InputError
+from pnp_sci.formats.brightness import whites
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -26,7 +27,7 @@ def plot_video(
     x: Any,
     frames: Sequence[int] | None = None,
     reference: Any = None,
-    white: float | Sequence[float] | np.ndarray | None = None,
+    white: Any = None,
     uncertainty: Any = None,
 ) -> Figure:
     """Frames from left to right, a row for each view.
@@ -38,16 +39,16 @@ def plot_video(
         Which to show, counted from 0. Default: at most 6, evenly spread.
     reference : array_like, same shape, optional
         Shown in a row below each view.
-    white : float or sequence of float, optional
-        The value shown as white, for all views or for each; black is 0. Default: the largest of `reference`, or of `x`
-        without one.
+    white : float, sequence of float, or "view", optional
+        The value shown as white, or one for each view; black is 0. "view": the 99.9th percentile of each view. Default:
+        the largest of `reference`, or of `x` without one.
     uncertainty : array_like, same shape, optional
         The predicted error of each pixel, in a row below each view; white is the largest.
 
     Raises
     ------
     InputError
-        If the shapes differ, or a frame is not there.
+        If the shapes differ, a frame is not there, or `white` cannot be used.
 
     Examples
     --------
@@ -55,6 +56,7 @@ def plot_video(
     >>> len(figure.axes)
     4
     """
+    shape = np.shape(x)
     x = _films("x", x)
     rows = [("", x)]
     for name, other in (("reference", reference), ("uncertainty", uncertainty)):
@@ -65,8 +67,9 @@ def plot_video(
             raise InputError(f"{name} has shape {np.shape(other)}, but x {x.shape}: the same was expected")
     views, count = x.shape[:2]
     chosen = _chosen(frames, count, _SHOWN)
-    white = float((x if reference is None else rows[1][1]).max()) if white is None else white
-    whites = np.resize(np.asarray(white, np.float64), views)  # views of several measurements follow one another
+    largest = float((x if reference is None else rows[1][1]).max())
+    videos = x.reshape(-1, *shape[-4:]) if len(shape) == 5 else x[None]
+    levels = np.full(videos.shape[1], largest) if white is None else whites(white, videos)
     height = _PANEL * x.shape[2] / x.shape[3]
     size = _PANEL * len(chosen), height * views * len(rows) + 0.3
     figure = _figure()(figsize=size, layout="constrained")
@@ -74,11 +77,8 @@ def plot_video(
     for row, column in np.ndindex(axes.shape):
         view, (kind, films) = row // len(rows), rows[row % len(rows)]
         axis = axes[row, column]
-        _show(
-            axis,
-            films[view, chosen[column]],
-            float(np.nan_to_num(films).max()) if "uncertainty" in kind else float(whites[view]),
-        )
+        largest = float(np.nan_to_num(films).max()) if "uncertainty" in kind else float(levels[view % len(levels)])
+        _show(axis, films[view, chosen[column]], largest)
         if row == 0:
             axis.set_title(f"frame {chosen[column] + 1}", fontsize=8)
         if column == 0:
@@ -87,7 +87,12 @@ def plot_video(
 
 
 def plot_recovery(
-    y: Any, x: Any, reference: Any, frames: Sequence[int] | None = None, captions: Sequence[str] = ()
+    y: Any,
+    x: Any,
+    reference: Any,
+    frames: Sequence[int] | None = None,
+    captions: Sequence[str] = (),
+    white: Any = None,
 ) -> Figure:
     """A measurement, the videos recovered from it, and the truth, side by side; a row for each view.
 
@@ -96,11 +101,12 @@ def plot_recovery(
     y : array_like, (H, W)
         Shown from 0 to its largest value.
     x, reference : array_like, (V, B, H, W)
-        White is the largest value of `reference`.
     frames : sequence of int, optional
         Which to show, counted from 0. Default: the first and the last one.
     captions : sequence of str, optional
         A text for each view, such as its PSNR.
+    white : float, sequence of float, or "view", optional
+        As for :func:`plot_video`. Default: the largest value of `reference`.
 
     Raises
     ------
@@ -120,6 +126,7 @@ def plot_recovery(
             f"x has shape {x.shape}, reference {truth.shape}, y {y.shape}: (V, B, H, W) twice and (H, W) were expected"
         )
     views, count, rows, columns = x.shape
+    levels = whites(white, x[None], float(truth.max()) or 1.0)
     chosen = _chosen(frames, count, 2)
     size = _PANEL * (views + 2 * len(chosen)), _PANEL * rows / columns * views + 0.3
     figure = _figure()(figsize=size, layout="constrained")
@@ -131,7 +138,7 @@ def plot_recovery(
     for view, column in np.ndindex(views, len(panels)):
         name, films, frame = panels[column]
         axis = figure.add_subplot(grid[view, views + column])
-        _show(axis, films[view, frame], float(truth.max()))
+        _show(axis, films[view, frame], float(levels[view]))
         if view == 0:
             axis.set_title(f"{name}, frame {frame + 1}", fontsize=8)
         if column == 0:

@@ -71,6 +71,10 @@ class Both(Prior):
         """Sessions of both, or one of `video` alone."""
         return self._serving(shape).begin(shape, dtype)
 
-    def _serving(self, shape: tuple[int, ...]) -> Prior:
+    def begin_on(self, shape: tuple[int, ...], dtype: np.dtype, device: str) -> Session | None:
+        """The same on tensors, where they can."""
+        return self._serving(shape).begin_on(shape, dtype, device)
+
+    def _serving(self, shape: tuple[int, ...]) -> Joint | Video:
         video = Video(self.weights, self.device, self.first)
         return Joint([Flow(first=self.first), video], (TUNED.flow, 1 - TUNED.flow)) if may_show_motion(shape) else video

@@ -75,4 +75,11 @@ class FFDNet(Prior):
     def begin(self, shape: tuple[int, ...], dtype: np.dtype) -> Session:
         """A session with the network loaded."""
         beside = TV(SESSION.beside, still=False).begin(shape, dtype)
-        return NetworkSession(ImageNet(self.weights, self.device), beside, TUNED.stronger, self.first)
+        return self._session(self.device, beside)
+
+    def begin_on(self, shape: tuple[int, ...], dtype: np.dtype, device: str) -> Session:
+        """The same on tensors."""
+        return self._session(device, TV(SESSION.beside, still=False).begin_on(shape, dtype, device))
+
+    def _session(self, device: str | None, beside: Session) -> Session:
+        return NetworkSession(ImageNet(self.weights, device), beside, TUNED.stronger, self.first)

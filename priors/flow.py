@@ -11,11 +11,13 @@ import numpy as np
 from pnp_sci._tuned import Tuned
 from pnp_sci._validate import whole
 from pnp_sci.errors import InputError
+from pnp_sci.plugins.on_host import OnHost
 from pnp_sci.plugins.protocols import Prior, Session, Traits
 from priors.bm3d import BM3D, BM3DSession
 from priors.kernels.still import TUNED as STILL
 from priors.motion.measure import TUNED as MOTION
-from priors.motion.measure import Motion, finished, may_show_motion, measure
+from priors.motion.measure import may_show_motion
+from priors.motion.videos import VideoMotion, finished, seen
 from priors.tv import TUNED as TOTAL_VARIATION
 from priors.tv import TV
 
@@ -106,20 +108,28 @@ class Flow(Prior):
             return BM3D().begin(shape, dtype)
         if not may_show_motion(shape):
             return TV(still=self.still).begin(shape, dtype)
-        return FlowSession(self, shape, dtype)
+        return FlowSession(self, TV(TUNED.strength, time=0).begin(shape, dtype), BM3DSession())
+
+    def begin_on(self, shape: tuple[int, ...], dtype: np.dtype, device: str) -> Session | None:
+        """The same on tensors, but for BM3D, which runs on the CPU."""
+        if shape[1] == 1:
+            return None
+        if not may_show_motion(shape):
+            return TV(still=self.still).begin_on(shape, dtype, device)
+        return FlowSession(self, TV(TUNED.strength, time=0).begin_on(shape, dtype, device), OnHost(BM3DSession()))
 
 
 class FlowSession(Session):
     """Averages along the motion of one video, then BM3D."""
 
-    def __init__(self, prior: Flow, shape: tuple[int, ...], dtype: np.dtype):
+    def __init__(self, prior: Flow, frames: Session, patches: Session):
         self.prior, self.calls = prior, 0
-        self.frames, self.patches = TV(TUNED.strength, time=0).begin(shape, dtype), BM3DSession()
-        self.motion: list[Motion] = []
+        self.frames, self.patches = frames, patches
+        self.motion: VideoMotion | None = None
         self.still: list[float] = []
-        self.left = np.empty(0, np.float32)  # of each pixel, what BM3D is told, in units of sigma
+        self.left: Any = None  # of each pixel, what BM3D is told, in units of sigma
 
-    def __call__(self, v: np.ndarray, sigma: float, out: np.ndarray | None = None) -> np.ndarray:
+    def __call__(self, v: Any, sigma: float, out: Any = None) -> Any:
         """Denoise v (V, B, H, W)."""
         if self.prior.tolerance * sigma < FAINT:
             return v
@@ -127,24 +137,20 @@ class FlowSession(Session):
         mean = self._averaged(self.frames(v, sigma), sigma)
         return self.patches(mean, sigma * self.left)
 
-    def _averaged(self, v: np.ndarray, sigma: float) -> np.ndarray:
+    def _averaged(self, v: Any, sigma: float) -> Any:
         """Each frame of v (V, B, H, W) averaged with its neighbours along their motion."""
-        if self.calls % TUNED.renew == 1 or not self.motion:
+        if self.calls % TUNED.renew == 1 or self.motion is None:
             seeing = self.prior.neighbours, self.prior.tolerance * sigma, self.prior.drift, self._rest(sigma)
-            before = self.motion or [None] * len(v)
-            self.motion = [measure(view, *seeing, motion) for view, motion in zip(v, before)]
-            self.still = [seen.at_rest for seen in self.motion]
-            self.left = np.float32(TUNED.grain) * np.stack([seen.remaining for seen in self.motion])
-        out = np.empty_like(v)
-        for view, seen, averaged in zip(v, self.motion, out):
-            seen.average(view, averaged)
-        return out
+            self.motion = seen(v, *seeing, self.motion)
+            self.still = self.motion.at_rest
+            self.left = TUNED.grain * self.motion.remaining
+        return self.motion.average(v)
 
-    def finish(self, x: np.ndarray, sigma: float) -> np.ndarray:
+    def finish(self, x: Any, sigma: float) -> Any:
         """The last estimate x (V, B, H, W), averaged once more, along the motion that it shows itself."""
-        if not self.motion:
+        if self.motion is None:
             return x
-        self.motion, self.left = [], self.left[:0]  # their memory is needed no more
+        self.motion, self.left = None, None  # their memory is needed no more
         return finished(x, sigma, self.prior.neighbours, self.prior.drift, self._rest(sigma))
 
     def facts(self) -> Mapping[str, Any]:

@@ -2,13 +2,13 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Any
 
-import numpy as np
-
 from pnp_sci._tuned import Tuned
+from pnp_sci.accel.arrays import copied
 from pnp_sci.plugins.protocols import Session
 from priors.networks.along_motion import VideoNet
 from priors.networks.image import ImageNet
@@ -47,9 +47,9 @@ class NetworkSession(Session):
 
     def __init__(self, net: ImageNet | VideoNet, beside: Session, stronger: float, turn: int):
         self.net, self.beside, self.stronger, self.turn = net, beside, stronger, turn
-        self.last: np.ndarray | None = None
+        self.last: Any = None
 
-    def __call__(self, v: np.ndarray, sigma: float, out: np.ndarray | None = None) -> np.ndarray:
+    def __call__(self, v: Any, sigma: float, out: Any = None) -> Any:
         """Denoise v (V, B, H, W)."""
         if sigma == 0:
             return v
@@ -61,7 +61,7 @@ class NetworkSession(Session):
         self.last = self.net(v, min(told, MOST), self.turn)
         return self.last
 
-    def finish(self, x: np.ndarray, sigma: float) -> np.ndarray:
+    def finish(self, x: Any, sigma: float) -> Any:
         """As the network does."""
         self.last = None
         return self.net.finish(x, sigma)
@@ -71,12 +71,12 @@ class NetworkSession(Session):
         return {"weights": [self.net.sha256], "still": self.net.still}
 
 
-def within(reach: float, x: np.ndarray, last: np.ndarray) -> np.ndarray:
+def within(reach: float, x: Any, last: Any) -> Any:
     """x, each view of it no further from `last`, both (V, B, H, W), than `reach` (> 0) root mean square."""
-    out = x.copy()
+    out = copied(x)
     for view, before in zip(out, last):
         step = view - before
-        distance = float(np.sqrt(np.mean(step**2)))
+        distance = math.sqrt(float((step**2).mean()))
         if distance > reach:
-            view[:] = before + step * x.dtype.type(reach / distance)
+            view[:] = before + step * (reach / distance)
     return out

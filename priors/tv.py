@@ -13,10 +13,8 @@ from pnp_sci._tuned import Tuned
 from pnp_sci._validate import whole
 from pnp_sci.errors import InputError
 from pnp_sci.plugins.protocols import Prior, Session
+from priors.kernels.dual import ALL, NOTHING, STEP
 
-STEP = 1.25  # length of a dual step, 1 being Chambolle's; primal-dual methods of fixed weights converge below 4/3
-NOTHING = 1e-12  # a weight that changes no digit of values about 1, and whose inverse would overflow further down
-ALL = 1e6  # a weight that leaves nothing of values about 1; with more the steps would be too small for fixed point
 COARSE = 0.5  # largest weight, times 1 + time**2 / 2, for a dual variable of 16 bits
 ONE = {np.int16: 2**15 - 1, np.int32: 2**30}  # what stands for 1 in the dual variable
 
@@ -99,6 +97,12 @@ class TV(Prior):
     def begin(self, shape: tuple[int, ...], dtype: np.dtype) -> TVSession:
         """A session with a dual variable of 0."""
         return TVSession(self, shape, dtype)
+
+    def begin_on(self, shape: tuple[int, ...], dtype: np.dtype, device: str) -> Session:
+        """The same on tensors."""
+        from priors.on_device.tv import TVOnDevice
+
+        return TVOnDevice(self, TUNED, shape, dtype, device)
 
 
 class TVSession(Session):

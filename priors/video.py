@@ -81,5 +81,13 @@ class Video(Prior):
         """A session with the networks loaded, without motion."""
         if not may_show_motion(shape):
             return FFDNet(device=self.device, first=self.first).begin(shape, dtype)
-        net = VideoNet(self.weights, self.device, TUNED.renew)
-        return NetworkSession(net, TV(SESSION.beside, time=0).begin(shape, dtype), TUNED.stronger, self.first)
+        return self._session(self.device, TV(SESSION.beside, time=0).begin(shape, dtype))
+
+    def begin_on(self, shape: tuple[int, ...], dtype: np.dtype, device: str) -> Session:
+        """The same on tensors."""
+        if not may_show_motion(shape):
+            return FFDNet(device=device, first=self.first).begin_on(shape, dtype, device)
+        return self._session(device, TV(SESSION.beside, time=0).begin_on(shape, dtype, device))
+
+    def _session(self, device: str | None, beside: Session) -> Session:
+        return NetworkSession(VideoNet(self.weights, device, TUNED.renew), beside, TUNED.stronger, self.first)

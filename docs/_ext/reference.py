@@ -12,7 +12,7 @@ from importlib.util import find_spec
 from pathlib import Path
 
 TOPICS = {  # page: heading, and the folders and modules of pnp_sci whose names it shows
-    "solve": ("Solve and results", {"api", "pipeline", "results", "solvers", "scene", "errors"}),
+    "solve": ("Solve and results", {"api", "pipeline", "results", "solvers", "scene", "errors", "fleet"}),
     "operator": ("Operator and camera", {"sensing", "camera"}),
     "data": ("Masks and data", {"masks", "datasets", "io", "formats"}),
     "priors": ("Priors and decoders", set()),

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 import sys
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -167,3 +168,27 @@ def one_of(y: np.ndarray, truth: np.ndarray | None, index: int) -> tuple[np.ndar
     if len(truth) != len(y):
         raise InputError(f"reference has {len(truth)} videos: one, or {len(y)} as there are measurements, was expected")
     return y[index], truth[index]
+
+
+def pairs(options: tuple[str, ...]) -> dict[str, Any]:
+    """``("inner=5", "mode=iso")`` -> ``{"inner": 5, "mode": "iso"}``."""
+    pairs = {}
+    for option in options:
+        key, separator, value = option.partition("=")
+        if not separator or not key.isidentifier():
+            raise click.BadParameter(f"{option!r} came, KEY=VALUE was expected", param_hint="--option")
+        try:
+            pairs[key] = json.loads(value)
+        except json.JSONDecodeError:
+            pairs[key] = value
+    return pairs
+
+
+def stages(text: str) -> str | list[tuple[str, int]]:
+    """``"tv:60,wavelet:20"`` -> stages; anything else is a name."""
+    if ":" not in text:
+        return text
+    parts = [stage.partition(":")[::2] for stage in text.split(",")]
+    if not all(name and count.isdigit() for name, count in parts):
+        raise click.BadParameter(f"{text!r} came, NAME:ITERATIONS,... was expected", param_hint="--prior")
+    return [(name, int(count)) for name, count in parts]

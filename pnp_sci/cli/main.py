@@ -18,6 +18,7 @@ COMMANDS = {
     "info": "pnp_sci.cli.info:info",
     "priors": "pnp_sci.cli.info:priors",
     "recommend": "pnp_sci.cli.info:recommend",
+    "reconstruct": "pnp_sci.cli.reconstruct:reconstruct",
     "simulate": "pnp_sci.cli.simulate:simulate",
     "solve": "pnp_sci.cli.solve:solve",
 }

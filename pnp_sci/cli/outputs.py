@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import tempfile
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import click
 
@@ -13,8 +13,37 @@ if TYPE_CHECKING:
 
     from pnp_sci.results.result import Result
 
-SAVED = ".npz", ".h5", ".hdf5", ".mat"  # what holds a result, and several arrays
-SHOWN = ".mp4", ".avi", ".mov", ".mkv", ".gif", ".tif", ".tiff", ".png"
+SAVED = ".npz", ".h5", ".hdf5", ".mat", ".zarr"  # what holds a result
+ARRAYS = ".npz", ".h5", ".hdf5", ".mat"  # ... and several arrays
+FILMS = ".mp4", ".avi", ".mov", ".mkv", ".gif"
+SHOWN = *FILMS, ".tif", ".tiff", ".png"
+
+
+class White(click.ParamType):
+    """What is white: a number, one a view with commas between them, or "view"."""
+
+    name = "NUMBER|view"
+
+    def convert(self, value: Any, param: click.Parameter | None, ctx: click.Context | None) -> Any:
+        """The `white` of :meth:`pnp_sci.Result.export`."""
+        if value == "view":
+            return value
+        try:
+            levels = [float(word) for word in value.split(",")]
+        except ValueError:
+            levels = []
+        if not levels or not all(0 < level < float("inf") for level in levels):
+            self.fail(f"{value!r} came: a number > 0, one a view such as 1,0.2, or view was expected", param, ctx)
+        return levels if len(levels) > 1 else levels[0]
+
+
+def named(file: Path, fps: float) -> str:
+    """A file that was written; of a film with its speed.
+
+    >>> named(Path("views.gif"), 5.0)
+    'views.gif (5 frames per second)'
+    """
+    return f"{file} ({fps:g} frames per second)" if file.suffix.lower() in FILMS else str(file)
 
 
 def save_somewhere(result: Result, out: Path) -> Path:

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 import click
 
 from pnp_sci.cli.inputs import FILE, Command, Output
-from pnp_sci.cli.outputs import SAVED
+from pnp_sci.cli.outputs import ARRAYS
 from pnp_sci.errors import InputError
 
 if TYPE_CHECKING:
@@ -27,7 +27,7 @@ BRIGHTEST = 2.0  # of a video of floats: interpolation may leave [0, 1], grey le
 )
 @click.option("--bits", type=click.IntRange(1, 32), help="Grey levels of the camera.")
 @click.option("--seed", default=0, show_default=True, help="Of the masks and the noise.")
-@click.option("--out", type=Output(*SAVED), default=Path("meas.npz"), show_default=True, help=".npz, .h5 or .mat")
+@click.option("--out", type=Output(*ARRAYS), default=Path("meas.npz"), show_default=True, help=".npz, .h5 or .mat")
 def simulate(
     videos: tuple[Path, ...],
     masks: str,

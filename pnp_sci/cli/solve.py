@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 from pathlib import Path
 from typing import Any
 
@@ -19,10 +18,12 @@ from pnp_sci.cli.inputs import (
     interactive,
     masks_for,
     one_of,
+    pairs,
+    stages,
     true_video,
     usable_truth,
 )
-from pnp_sci.cli.outputs import SAVED, SHOWN, print_scores, save_somewhere
+from pnp_sci.cli.outputs import SAVED, SHOWN, White, named, print_scores, save_somewhere
 
 
 @click.command(cls=Command)
@@ -41,7 +42,8 @@ from pnp_sci.cli.outputs import SAVED, SHOWN, print_scores, save_somewhere
 @camera_options
 @click.option("--register", is_flag=True, help="First move the masks to where the measurement has them.")
 @click.option("--time-budget", type=click.FloatRange(min=0, min_open=True), help="Seconds to stop after.")
-@click.option("--device", help="For priors that are networks, such as cuda.")
+@click.option("--device", help="Where it runs, such as cuda.")
+@click.option("--backend", help="numba or torch.  [default: torch where the device is not the CPU]")
 @click.option("--threads", type=click.IntRange(min=1), help="At most so many.  [default: one a core]")
 @click.option("--uncertainty", is_flag=True, help="Predict the error of each pixel: twice the time.")
 @click.option("--sequence", is_flag=True, help="The measurements follow one another: solve them as one video.")
@@ -51,11 +53,15 @@ from pnp_sci.cli.outputs import SAVED, SHOWN, print_scores, save_somewhere
 @click.option("--reference-key", help="Name of the true video in its file, where it cannot be told.")
 @click.option("--peak", type=POSITIVE, help="White in the true video.  [default: of its type, 1 of floats up to 1]")
 @click.option(
-    "--out", type=Output(*SAVED), default=Path("result.npz"), show_default=True, help="Result: .npz, .h5, .hdf5, .mat."
+    "--out",
+    type=Output(*SAVED),
+    default=Path("result.npz"),
+    show_default=True,
+    help="Result: .npz, .h5, .hdf5, .mat or .zarr.",
 )
-@click.option("--video", type=Output(*SHOWN), help="For looking at: .mp4, .avi, .gif or .png; .tif holds values.")
-@click.option("--fps", type=POSITIVE, default=10, show_default=True, help="Frames per second of --video.")
-@click.option("--white", help="White in --video: a value, or view: of each view its own.  [default: of all views]")
+@click.option("--video", type=Output(*SHOWN), help="To look at: .mp4, .avi, .gif, .png; .tif, .ome.tif: the values.")
+@click.option("--fps", type=POSITIVE, default=10.0, show_default=True, help="Frames per second of --video.")
+@click.option("--white", type=White(), help="White in --video, or one a view: 1,0.2; view: each its own.")
 def solve(
     measurement: Path,
     masks_file: Path | None,
@@ -77,15 +83,15 @@ def solve(
     out: Path,
     video: Path | None,
     fps: float,
-    white: str | None,
+    white: Any,
     **settings: Any,
 ) -> None:
     """Recover the video of each view from MEASUREMENT.
 
     The file may hold one measurement or several.
     """
-    prior_options, stages = _pairs(options), _prior(prior)
-    sensor, brightness = camera(noise, gain, full_scale, bits), _white(white)
+    prior_options, staged = pairs(options), stages(prior)
+    sensor = camera(noise, gain, full_scale, bits)
     from pnp_sci import Calibration, api, io
 
     masks = masks_for(measurement, masks_file or calibration, views, masks_key)
@@ -102,7 +108,7 @@ def solve(
     result = api.solve(
         y,
         masks,
-        stages,
+        staged,
         noise=sensor,
         bad=bad_pixels(bad),
         reference=truth,
@@ -111,43 +117,11 @@ def solve(
         **settings,
         **prior_options,
     )
-    written = [save_somewhere(result, out)]
+    written = [str(save_somewhere(result, out))]
     if video is not None:
-        result.export(video, fps, brightness)
-        written.append(video)
+        result.export(video, fps, white)
+        written.append(named(video, fps))
     click.echo(repr(result))
     print_scores(result.x, truth, peak)
-    click.echo(f"Written: {', '.join(map(str, written))}")
+    click.echo(f"Written: {', '.join(written)}")
     result.raise_for_status()
-
-
-def _white(text: str | None) -> float | str | None:
-    """``"view"``, a number, or nothing."""
-    try:
-        return text if text in (None, "view") else float(text)
-    except ValueError:
-        raise click.BadParameter(f"{text!r} came, a number or view was expected", param_hint="--white") from None
-
-
-def _pairs(options: tuple[str, ...]) -> dict[str, Any]:
-    """``("inner=5", "mode=iso")`` -> ``{"inner": 5, "mode": "iso"}``."""
-    pairs = {}
-    for option in options:
-        key, separator, value = option.partition("=")
-        if not separator or not key.isidentifier():
-            raise click.BadParameter(f"{option!r} came, KEY=VALUE was expected", param_hint="--option")
-        try:
-            pairs[key] = json.loads(value)
-        except json.JSONDecodeError:
-            pairs[key] = value
-    return pairs
-
-
-def _prior(text: str) -> str | list[tuple[str, int]]:
-    """``"tv:60,wavelet:20"`` -> stages; anything else is a name."""
-    if ":" not in text:
-        return text
-    stages = [stage.partition(":")[::2] for stage in text.split(",")]
-    if not all(name and count.isdigit() for name, count in stages):
-        raise click.BadParameter(f"{text!r} came, NAME:ITERATIONS,... was expected", param_hint="--prior")
-    return [(name, int(count)) for name, count in stages]

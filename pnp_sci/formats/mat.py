@@ -24,6 +24,7 @@ PLANES_FIRST = {"pic"}  # names of arrays with planes first, as in BIRNAT's publ
 NAME = re.compile(r"[A-Za-z][A-Za-z0-9_]{0,30}")  # of a variable
 HEADER, MATRIX, COMPRESSED = 128, 14, 15  # bytes of the file's header; types of elements (MathWorks, "MAT-File Format")
 NO_IMAGINARY = 1e-6  # of the largest value: imaginary parts that rounding leaves, as of an inverse Fourier transform
+LARGEST = 2**31  # bytes of an array in MAT v5
 OCTAVE = b"# Created by Octave"
 
 _log = logging.getLogger("pnp_sci")
@@ -115,20 +116,24 @@ def _planes_first(array: np.ndarray) -> np.ndarray:
 
 
 def load_texts(path: Path) -> dict[str, str]:
-    """All texts of a file of MAT v5, by name."""
-    import scipy.io  # here once, not in each child
+    """The variables of a MAT-file v5 that are a line of text."""
+    import scipy.io  # noqa: F401, here once, not in each child
 
-    def read() -> dict[str, np.ndarray]:
-        found = {
-            key: a for key, a in scipy.io.loadmat(path).items() if not key.startswith("__") and a.dtype.kind == "U"
-        }
-        return {key: np.frombuffer("".join(a.ravel()).encode(), np.uint8) for key, a in found.items()}
-
-    return {key: part.tobytes().decode() for key, part in apart(read, path.stat().st_size).items()}
+    _check_sizes(path.read_bytes())
+    found = apart(lambda: _texts(path), path.stat().st_size)
+    return {key: text.tobytes().decode() for key, text in found.items()}
 
 
-def save(path: Path, arrays: Mapping[str, np.ndarray], texts: Mapping[str, str] | None = None) -> None:
-    """Write arrays, planes last, and texts as MAT v5."""
+def _texts(path: Path) -> dict[str, np.ndarray]:
+    import scipy.io
+
+    names = [key for key, _, kind in scipy.io.whosmat(path) if kind == "char"]
+    found = scipy.io.loadmat(path, variable_names=names)
+    return {key: np.frombuffer("".join(found[key].ravel()).encode(), np.uint8) for key in names}
+
+
+def save(path: Path, arrays: dict[str, np.ndarray], texts: Mapping[str, str] | None = None) -> None:
+    """Write MAT v5: arrays, and lines of text."""
     import scipy.io
 
     for key, a in arrays.items():
@@ -136,5 +141,7 @@ def save(path: Path, arrays: Mapping[str, np.ndarray], texts: Mapping[str, str] 
             raise InputError(f"{key!r}: a name in a MAT-file is a letter and up to 30 letters, digits and underscores")
         if a.ndim < 2 or a.dtype in (np.float16, np.longdouble):
             raise InputTypeError(f"{key} is {a.dtype} {a.shape}: MAT-files have no 1-D, float16 or longdouble arrays")
+        if a.nbytes >= LARGEST:
+            raise InputError(f"{key} has {a.nbytes} bytes: MAT-files hold less than {LARGEST} an array; use HDF5")
     last = {key: a.transpose(-2, -1, *range(a.ndim - 3, -1, -1)) for key, a in arrays.items()}
     scipy.io.savemat(path, last | dict(texts or {}), do_compression=True)

@@ -117,6 +117,8 @@ def _by_tifffile(path: Path) -> dict[str, np.ndarray]:
             return {"array": _from_imagej(file)}
         if any(page is None for series in file.series for page in series.pages):
             raise FormatError(f"{path}: some of its pictures are in other files, which are not there")
+        if file.is_ome and len(file.series) == 1 and file.series[0].axes == "TCYX":
+            return {"array": file.series[0].asarray().swapaxes(0, 1)}
         arrays = [series.asarray() for series in file.series]
     if len(arrays) > 1 and arrays[0].ndim == 2 and len({(a.shape, a.dtype) for a in arrays}) == 1:
         return {"array": np.stack(arrays)}  # pages of equal size are one stack
@@ -151,8 +153,8 @@ def _from_imagej(file: object) -> np.ndarray:
     return stack.reshape(stack.shape[4 - ndim :])
 
 
-def save_tiff(path: Path, array: np.ndarray, fps: float | None = None) -> None:
-    """Write (H, W), (B, H, W) or (V, B, H, W), for ImageJ where it knows the type; `fps` is noted for it."""
+def save_tiff(path: Path, array: np.ndarray) -> None:
+    """Write (H, W), (B, H, W) or (V, B, H, W), for ImageJ where it knows the type."""
     import tifffile
 
     if array.ndim < 2 or array.dtype == np.longdouble:
@@ -160,8 +162,7 @@ def save_tiff(path: Path, array: np.ndarray, fps: float | None = None) -> None:
     for_imagej = array.dtype in (np.uint8, np.uint16, np.float32) and array.ndim in (2, 3, 4)
     if for_imagej and array.shape[-1] > 1:  # tifffile would read a single column as colour samples
         stack = array.swapaxes(0, 1) if array.ndim == 4 else array
-        rate = {} if fps is None else {"fps": fps, "finterval": 1 / fps}
         axes = {2: "YX", 3: "TYX", 4: "TCYX"}[array.ndim]
-        tifffile.imwrite(path, stack, imagej=True, metadata={"axes": axes, "ndim": array.ndim} | rate)
+        tifffile.imwrite(path, stack, imagej=True, metadata={"axes": axes, "ndim": array.ndim})
     else:
         tifffile.imwrite(path, array, photometric="minisblack")

@@ -16,7 +16,8 @@ from uuid import uuid4
 def replacing(path: Path) -> Iterator[Path]:
     """Context with a temporary path that replaces `path` at the end, or is removed after an exception.
 
-    A link stays, and what it points to is replaced. A device or a pipe is written to.
+    A link stays, and what it points to is replaced. A device or a pipe is written to. Of folders only a Zarr store of
+    this package is replaced: it stays under its name until the new one is complete.
 
     Raises
     ------
@@ -40,7 +41,10 @@ def replacing(path: Path) -> Iterator[Path]:
             return
         if place.is_file():
             shutil.copymode(place, temporary)
-        os.replace(temporary, place)
+        if is_own_store(place):
+            _swap(temporary, place)
+        else:
+            os.replace(temporary, place)
     except BaseException as error:
         if temporary.is_dir():
             shutil.rmtree(temporary, ignore_errors=True)
@@ -51,6 +55,24 @@ def replacing(path: Path) -> Iterator[Path]:
         raise
 
 
+def is_own_store(place: Path) -> bool:
+    """Whether a folder is a Zarr store that this package wrote."""
+    head = place / "zarr.json"
+    return place.suffix.lower() == ".zarr" and head.is_file() and b'"pnp_sci"' in head.read_bytes()
+
+
+def _swap(new: Path, place: Path) -> None:
+    """Put a folder in the place of another, which is removed; it comes back after an error."""
+    old = place.parent / f".{uuid4().hex[:12]}{place.suffix}"
+    os.rename(place, old)
+    try:
+        os.rename(new, place)
+    except BaseException:
+        os.rename(old, place)
+        raise
+    shutil.rmtree(old, ignore_errors=True)
+
+
 def _place(path: Path) -> Path:
     """Where the file behind `path` is or will be, links followed; an error if nothing can be written there."""
     if path.exists() and not path.is_file() and not path.is_dir():
@@ -58,7 +80,7 @@ def _place(path: Path) -> Path:
     place = Path(os.path.realpath(path))
     if not place.parent.is_dir():
         raise FileNotFoundError(f"{path}: there is no folder {(place if path.is_symlink() else path).parent}")
-    if place.is_dir() and (path.suffix or any(place.iterdir())):
+    if place.is_dir() and not is_own_store(place) and (path.suffix or any(place.iterdir())):
         raise FileExistsError(f"{path} is a folder{'' if path.suffix else ' that is not empty'}: remove it first")
     if place.is_file() and not (place.stat().st_mode & 0o222 and os.access(place, os.W_OK)):
         raise PermissionError(errno.EACCES, "the file is read-only", str(path))

@@ -3,10 +3,12 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 
 from pnp_sci._tuned import Tuned
+from pnp_sci.accel.arrays import all_finite, library
 from pnp_sci.sensing.problem import Problem
 
 MOST = 0.5  # largest share: the mean of two estimates that are equally good
@@ -23,8 +25,9 @@ class BlendNumbers(Tuned):
 TUNED = BlendNumbers()
 
 
-def blended(problem: Problem, x: np.ndarray, other: np.ndarray) -> tuple[np.ndarray, list[float]]:
-    """``x + s (other - x)`` of the solver's estimate x and a decoder's, both (V, B, H, W), and s for each view.
+def blended(problem: Problem, x: Any, other: Any) -> tuple[Any, list[float]]:
+    """``x + s (other - x)`` of the solver's estimate x and a decoder's, both (V, B, H, W), arrays or tensors, and s
+    for each view.
 
     ``s = min(0.5, 0.0015 / d) n^4 / (n^4 + 0.1^4)``, d the mean squared difference of the two and n the noise of y, as
     known or estimated, in a pixel of x, ``noise / sqrt(gram)``, by all masks also where fewer frames are modelled. As
@@ -40,13 +43,13 @@ def blended(problem: Problem, x: np.ndarray, other: np.ndarray) -> tuple[np.ndar
     (0.15, 0.015)
     """
     gram = float(np.mean(problem.op.gram, dtype=np.float64))
-    if gram == 0 or problem.typical_noise == 0 or not np.isfinite(x).all():
+    if gram == 0 or problem.typical_noise == 0 or not all_finite(x):
         return x, [0.0] * len(x)
     loud = (problem.typical_noise / (TUNED.loud * np.sqrt(gram))) ** 4
-    out, shares = np.empty_like(x), []
+    out, shares = library(x).empty_like(x), []
     for view, second, mean in zip(x, other, out):
         step = second - view
-        apart = float(np.mean(step**2))
+        apart = float((step**2).mean())
         shares.append(float(TUNED.alike / max(apart, TUNED.alike / MOST) * loud / (1 + loud)))
-        np.add(view, step * step.dtype.type(shares[-1]), out=mean)
+        mean[...] = view + step * shares[-1]
     return out, shares

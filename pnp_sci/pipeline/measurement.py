@@ -9,7 +9,7 @@ from typing import Any
 
 import numpy as np
 
-from pnp_sci._validate import shaped
+from pnp_sci.accel.arrays import like
 from pnp_sci.pipeline.blend import blended
 from pnp_sci.pipeline.progress import Watch
 from pnp_sci.pipeline.reference import Reference
@@ -19,7 +19,6 @@ from pnp_sci.pipeline.start import Start, first_estimate
 from pnp_sci.plugins.combine import InTurn
 from pnp_sci.results.history import Record, Status
 from pnp_sci.scene.choose import choose_scene
-from pnp_sci.sensing.operator import SensingOperator
 from pnp_sci.sensing.problem import Problem, level
 from pnp_sci.sensing.scene_model import SceneModel, full
 from pnp_sci.sensing.sequence import joined, split
@@ -27,7 +26,7 @@ from pnp_sci.solvers.iterate import ALGORITHMS, states
 from pnp_sci.solvers.pace import in_time, remember
 from pnp_sci.solvers.plan import make_plan
 from pnp_sci.solvers.run import run
-from pnp_sci.solvers.state import State, length, start
+from pnp_sci.solvers.state import Array, Operator, State, length, start
 from pnp_sci.solvers.stopping import relative_residual
 
 JUDGING = 0.25  # of a time budget, to find out what of a scene has to be modelled
@@ -94,30 +93,34 @@ def reconstruct(
         algorithm=request.algorithm, effort=request.counted,
         iterations=request.iterations, sigma=request.sigma, tol=request.tol, deadline=deadline,
     )  # fmt: skip
-    plan = in_time(plan, reduced, joint.y, traits, decoded)
+    backend = request.backend
+    plan = in_time(plan, reduced, joint.y, traits, decoded, backend)
     watch.expect(plan.iterations)
-    session = InTurn(plan.serves, reduced.shape, reduced.dtype)
 
     def kept(x: np.ndarray) -> list[np.ndarray]:
         videos = split(x, len(problems))
         return [scene.expand(videos[n - window.seen.start], op.shape) for n in window.kept]
 
-    def score(x: np.ndarray) -> float | None:
+    def score(x: Array) -> float | None:
         if truth is None:
             return None
-        return float(np.mean([truth.psnr(video, n, joint.unit) for n, video in zip(window.kept, kept(x))]))
+        return float(np.mean([truth.psnr(v, n, joint.unit) for n, v in zip(window.kept, kept(backend.get(x)))]))
 
-    finish = _Finish(joint, reduced, session, x if decoded else None)
-    iterates = states(reduced, joint.y, session, x, ALGORITHMS[plan.algorithm], plan.schedule, joint.saturated)
-    del x
-    state, status, records = run(
-        iterates, joint.y, plan, watch,
-        noise=joint.typical_noise, score=score, saturated=joint.saturated, finish=finish,
-    )  # fmt: skip
-    remember(plan, reduced.shape, [record.seconds for record in records], finish.seconds)
-    for video, own in zip(kept(state.x), out):
-        put(video, own, joint.unit)
-    facts = session.facts()
+    with backend.running():
+        session = InTurn(plan.serves, reduced.shape, reduced.dtype, backend.device)
+        phi, y, x, saturated = backend.operator(reduced), *map(backend.put, (joint.y, x, joint.saturated))
+        schedule = replace(plan.schedule, product=backend.put(plan.schedule.product))
+        finish = _Finish(joint, phi, y, session, x if decoded else None)
+        iterates = states(phi, y, session, x, ALGORITHMS[plan.algorithm], schedule, saturated)
+        del x
+        state, status, records = run(
+            iterates, y, plan, watch,
+            noise=joint.typical_noise, score=score, saturated=saturated, finish=finish,
+        )  # fmt: skip
+        remember(plan, reduced.shape, [record.seconds for record in records], finish.seconds, backend)
+        for video, own in zip(kept(backend.get(state.x)), out):
+            put(video, own, joint.unit)
+        facts = session.facts()
     own = list(window.of_kept(problems))
     scenes = [_found(scene, problem, facts, remarks) for problem in own]
     records = [replace(record, measurement=window.kept.start) for record in records]
@@ -157,17 +160,17 @@ def _found(scene: SceneModel, problem: Problem, facts: Mapping[str, Any], remark
 class _Finish:
     """Makes of a last estimate what prior and decoder can: the prior's finish, then the decoder's share."""
 
-    def __init__(self, problem: Problem, op: SensingOperator, session: InTurn, decoded: np.ndarray | None):
-        self.problem, self.op, self.session, self.decoded = problem, op, session, decoded
+    def __init__(self, problem: Problem, op: Operator, y: Array, session: InTurn, decoded: Array | None):
+        self.problem, self.op, self.y, self.session, self.decoded = problem, op, y, session, decoded
         self.shares, self.seconds = [0.0] * op.shape[0], 0.0
 
     def __call__(self, state: State) -> State:
         begin = time.perf_counter()
         x = self.session.finish(state.x, state.sigma)
-        x = shaped("what the prior's finish returns", x, state.x.shape, state.x.dtype)
+        x = like("what the prior's finish returns", x, state.x)
         if self.decoded is not None:
             x, self.shares = blended(self.problem, x, self.decoded)
-        residual = self.problem.y - self.op.forward(x)
+        residual = self.y - self.op.forward(x)
         self.seconds = time.perf_counter() - begin
         return replace(state, x=x, residual=residual)
 
@@ -218,5 +221,5 @@ def package_settings(request: Request, outcomes: Sequence[Outcome]) -> dict[str,
         "share": [outcome.shares for outcome in outcomes],
         "iterations": max((plan["iterations"] for plan in plans if plan), default=0),
         "plan": plans,
-        "status": [outcome.status.value for outcome in outcomes],
+        "statuses": [outcome.status.name for outcome in outcomes],
     }

@@ -28,7 +28,7 @@ def provenance(y: Any, masks: Any, largest: float, problems: Sequence[Problem], 
         "y": digest(y),
         "bad": _bad(problems),
         "masks": digest(masks.masks if isinstance(masks, SensingOperator) else masks),
-        "versions": dict(_versions("torch" in sys.modules)),
+        "versions": dict(versions("torch" in sys.modules)),
         "seconds": time.perf_counter() - began,
     }
 
@@ -42,7 +42,8 @@ def _bad(problems: Sequence[Problem]) -> str | None:
 
 
 @cache
-def _versions(torch: bool) -> dict[str, str]:
+def versions(torch: bool) -> dict[str, str]:
+    """Versions of what determines a result."""
     packages = ("pnp-sci", "numpy", "numba", *(("torch",) if torch else ()))
     return {package: version(package) for package in packages} | {"python": platform.python_version()}
 

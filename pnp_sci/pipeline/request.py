@@ -12,6 +12,7 @@ from pnp_sci._validate import finite_number, instance, one_of, whole
 from pnp_sci.advice.recommend import prior_within
 from pnp_sci.camera.registration import Registration
 from pnp_sci.pipeline.auto import prior_for
+from pnp_sci.pipeline.place import backend_for
 from pnp_sci.pipeline.sequence import FEWEST, MOST
 from pnp_sci.plugins.combine import Stages
 from pnp_sci.plugins.protocols import Prior
@@ -20,6 +21,7 @@ from pnp_sci.sensing.operator import SensingOperator
 from pnp_sci.sensing.problem import check_noise, check_scene
 from pnp_sci.sensing.scene_model import SceneModel
 from pnp_sci.sensing.sensor import Sensor
+from pnp_sci.solvers.backend import Backend
 from pnp_sci.solvers.effort import EFFORTS
 from pnp_sci.solvers.iterate import ALGORITHMS
 
@@ -42,6 +44,7 @@ class Request:
     tol: float
     time_budget: float | None
     device: str | None
+    backend: Backend
     threads: int | None
     seed: int
     register: bool | Registration
@@ -69,6 +72,7 @@ class Request:
             "tol": self.tol,
             "time_budget": self.time_budget,
             "device": self.device,
+            "backend": self.backend.name,
             "threads": self.threads,
             "seed": self.seed,
             "register": bool(self.register),
@@ -95,6 +99,7 @@ def check_request(
     callback: Any,
     progress: Any,
     device: Any,
+    backend: Any,
     threads: Any,
     seed: Any,
     register: Any,
@@ -115,6 +120,7 @@ def check_request(
     instance("progress", progress, bool)
     instance("uncertainty", uncertainty, bool)
     instance("device", device, str)
+    placed = backend_for(backend, device)
     instance("register", register, bool, Registration)
     counted = effort
     if isinstance(prior, str) and prior == "auto":
@@ -124,7 +130,8 @@ def check_request(
     made = as_prior(prior, device=device, seed=seed, **prior_options)
     return Request(
         made, describe(prior, made), prior_options, init, algorithm, effort, counted, scene, iterations, sensor, sigma,
-        tol, time_budget, device, threads, seed, register, uncertainty, _together(sequence, op.shape, count),
+        tol, time_budget, device, placed, threads, seed, register, uncertainty,
+        _together(sequence, op.shape, count),
     )  # fmt: skip
 
 

@@ -10,8 +10,10 @@ from typing import Any
 import numpy as np
 
 from pnp_sci._validate import whole
+from pnp_sci.accel.arrays import copied
 from pnp_sci.errors import InputError, InputTypeError
-from pnp_sci.plugins.protocols import Prior, Session, Traits
+from pnp_sci.plugins.on_host import OnHost
+from pnp_sci.plugins.protocols import DevicePrior, Prior, Session, Traits
 
 
 @dataclass(frozen=True)
@@ -21,6 +23,10 @@ class Identity(Prior):
     def begin(self, shape: tuple[int, ...], dtype: np.dtype) -> Session:
         """A session that returns what it gets."""
         return FunctionSession(lambda v, sigma: v)
+
+    def begin_on(self, shape: tuple[int, ...], dtype: np.dtype, device: str) -> Session:
+        """The same on tensors."""
+        return self.begin(shape, dtype)
 
 
 @dataclass(frozen=True)
@@ -106,7 +112,11 @@ class Joint(Prior):
 
     def begin(self, shape: tuple[int, ...], dtype: np.dtype) -> Session:
         """A session of each member."""
-        return _JointSession([member.begin(shape, dtype) for member in self.members], self.shares)
+        return _JointSession([begun(member, shape, dtype) for member in self.members], self.shares)
+
+    def begin_on(self, shape: tuple[int, ...], dtype: np.dtype, device: str) -> Session:
+        """A session of each member, on tensors where it can."""
+        return _JointSession([begun(member, shape, dtype, device) for member in self.members], self.shares)
 
 
 class _JointSession(Session):
@@ -123,7 +133,7 @@ class _JointSession(Session):
         return _merged([session.facts() for session in self.sessions])
 
     def _mean(self, functions: Sequence[Callable[..., np.ndarray]], x: np.ndarray, sigma: float) -> np.ndarray:
-        mean = first = np.array(functions[0](x, sigma))  # a copy: another member may return the same buffer
+        mean = first = copied(functions[0](x, sigma))  # as: another member may return the same buffer
         for function, share in zip(functions[1:], self.shares[1:]):
             # where all members return the same, so does the mean, to the last digit
             mean = mean + share * (function(x, sigma) - first)
@@ -190,6 +200,10 @@ class Stages(Prior):
         """A session of each stage, in turn."""
         return InTurn(turns(self, shape), shape, dtype)
 
+    def begin_on(self, shape: tuple[int, ...], dtype: np.dtype, device: str) -> InTurn:
+        """A session of each stage, in turn, on tensors where it can."""
+        return InTurn(turns(self, shape), shape, dtype, device)
+
 
 def turns(prior: Prior, shape: tuple[int, ...], warm: bool = True) -> tuple[Turn, ...]:
     """Which prior serves when, for videos (V, B, H, W) of this shape: warm-up, if `warm`, and prior, or stages."""
@@ -216,11 +230,13 @@ def serving(order: Sequence[Turn], call: int, sigma: float) -> int:
 
 
 class InTurn(Session):
-    """Sessions of several priors of which one serves at a time."""
+    """Sessions of several priors of which one serves at a time; on tensors if there is a device."""
 
-    def __init__(self, order: Sequence[Turn], shape: tuple[int, ...], dtype: np.dtype):
+    def __init__(self, order: Sequence[Turn], shape: tuple[int, ...], dtype: np.dtype, device: str | None = None):
         self.order, self.calls, self.now = order, 0, 0
-        self.sessions = [_begun(turn.prior, shape, dtype) for turn in order]  # all: what cannot begin is told at once
+        self.sessions = [
+            begun(turn.prior, shape, dtype, device) for turn in order
+        ]  # all: what cannot begin is told at once
 
     def __call__(self, v: np.ndarray, sigma: float, out: np.ndarray | None = None) -> np.ndarray:
         """Denoise with the prior whose turn it is."""
@@ -237,7 +253,11 @@ class InTurn(Session):
         return _merged([session.facts() for session in self.sessions[self.now :: -1]])
 
 
-def _begun(prior: Prior, shape: tuple[int, ...], dtype: np.dtype) -> Session:
+def begun(prior: Prior, shape: tuple[int, ...], dtype: np.dtype, device: str | None = None) -> Session:
+    """A session of a prior; on a device one that takes tensors, with copies to the CPU and back where it must."""
+    if device is not None:
+        session = prior.begin_on(shape, dtype, device) if isinstance(prior, DevicePrior) else None
+        return OnHost(begun(prior, shape, dtype)) if session is None else session
     session = prior.begin(shape, dtype)
     if not isinstance(session, Session):
         raise InputTypeError(f"prior: begin of {type(prior).__name__} returns {session!r}: a Session was expected")

@@ -85,6 +85,29 @@ class Prior(Protocol):
 
 
 @runtime_checkable
+class DevicePrior(Protocol):
+    """What a :class:`Prior` has beside its own methods if it can work on tensors of a device."""
+
+    def begin_on(self, shape: tuple[int, ...], dtype: np.dtype, device: str) -> Session | None:
+        """A new session that takes and returns tensors on a torch device, such as "cuda", and never leaves it.
+
+        Parameters
+        ----------
+        shape : tuple of int
+            (V, B, H, W)
+        dtype : dtype
+            float32 or float64, as numpy names it.
+        device : str
+
+        Returns
+        -------
+        Session or None
+            None for videos for which the prior runs on the CPU only.
+        """
+        ...
+
+
+@runtime_checkable
 class Decoder(Protocol):
     """Reconstructs a video from its measurement alone; also serves as the solver's first estimate.
 

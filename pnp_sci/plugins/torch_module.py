@@ -37,6 +37,10 @@ class TorchPrior(Prior):
         """A session with a copy of the module."""
         return _TorchSession(self.module, self.device)
 
+    def begin_on(self, shape: tuple[int, ...], dtype: np.dtype, device: str) -> Session:
+        """A session on tensors, with a copy of the module there."""
+        return _TorchSession(self.module, device)
+
 
 class _TorchSession(Session):
     def __init__(self, module: Any, device: str | None):
@@ -54,13 +58,14 @@ class _TorchSession(Session):
 
         from pnp_sci.accel.inference import as_many_threads
 
-        frames = torch.tensor(v.reshape(-1, 1, *v.shape[2:]), dtype=torch.float32, device=self.device)
+        frames = torch.as_tensor(v, device=self.device).to(torch.float32, copy=True).reshape(-1, 1, *v.shape[2:])
         with as_many_threads(), torch.inference_mode():
             clean = self.module(frames, sigma)
         came = tuple(clean.shape) if isinstance(clean, torch.Tensor) else type(clean).__name__
         if came != tuple(frames.shape):
             raise InputError(f"prior {type(self.module).__name__} returns {came}: {tuple(frames.shape)} was expected")
-        return clean.reshape(v.shape).float().cpu().numpy()
+        clean = clean.reshape(v.shape).float()
+        return clean.cpu().numpy() if isinstance(v, np.ndarray) else clean
 
 
 def is_torch_module(thing: Any) -> bool:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import base64
 from collections.abc import Callable, Mapping
+from dataclasses import dataclass
 from html import escape
 from io import BytesIO
 from pathlib import Path
@@ -24,10 +25,23 @@ PICTURE_SIDE, PICTURE_BYTES = 160, 400_000
 FILM_SIDE, FILM_BYTES = 512, 600_000
 
 
-def as_html(rows: Mapping[str, str], x: np.ndarray, white: float) -> str:
-    """The table with these rows, and pictures of a video (V, B, H, W) or of the first of several, (N, V, B, H, W)."""
+@dataclass(frozen=True)
+class Shown:
+    """What a notebook shows."""
+
+    html: str
+
+    def _repr_html_(self) -> str:
+        return self.html
+
+
+def as_html(rows: Mapping[str, str], x: np.ndarray, white: np.ndarray) -> str:
+    """The table with these rows, and pictures of a video (V, B, H, W) or of the first of several, (N, V, B, H, W).
+
+    `white` (V,) is that of each view.
+    """
     cells = "".join(f"<tr><th>{key}</th><td>{escape(text)}</td></tr>" for key, text in rows.items() if text)
-    video = eight_bit(np.nan_to_num(x.reshape(-1, *x.shape[-4:])[0] / white))
+    video = eight_bit(np.nan_to_num(x.reshape(-1, *x.shape[-4:])[0] / white[:, None, None, None]))
     return f"<table>{cells}</table>\n{_picture(video)}<br>\n{_player(video)}"
 
 

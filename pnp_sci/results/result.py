@@ -2,21 +2,29 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
-from dataclasses import dataclass, field, replace
+from collections.abc import Sequence
+from dataclasses import dataclass, field
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, SupportsIndex
 
 import numpy as np
 
-from pnp_sci.errors import InputError, SolverError
+from pnp_sci import io
+from pnp_sci._validate import positive_number
+from pnp_sci.errors import FormatError, InputError, InputIndexError, SolverError
+from pnp_sci.formats import arrays as _formats
+from pnp_sci.formats import films_as_tiff
+from pnp_sci.formats.brightness import brightest, whites
+from pnp_sci.formats.replacing import replacing
 from pnp_sci.results import storage
-from pnp_sci.results.export import PERCENTILE, White, as_dataset, export, parts, white_of
 from pnp_sci.results.history import History, Record, Status
+from pnp_sci.results.words import counted, in_words
 
 if TYPE_CHECKING:
-    import xarray
     from matplotlib.figure import Figure
+    from xarray import Dataset
+
+    from pnp_sci.results.notebook import Shown
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -55,6 +63,48 @@ class Result:
     def __array__(self, dtype: Any = None, copy: bool | None = None) -> np.ndarray:
         return np.array(self.x, dtype) if copy else np.asarray(self.x, dtype)
 
+    def __len__(self) -> int:
+        """The number of measurements."""
+        return self.x.shape[0] if self.x.ndim == 5 else 1
+
+    def __getitem__(self, index: SupportsIndex | slice) -> Result:
+        """The result of one measurement, or of some: video, history, scenes, plans and uncertainty of those alone.
+
+        Hashes and seconds in `settings` are of the whole call; ``settings["measurements"]`` says which of it these are.
+
+        Raises
+        ------
+        InputIndexError
+            If there is no such measurement; it is an InputError and an IndexError.
+        InputError
+            If a slice is empty.
+
+        Examples
+        --------
+        >>> both = Result(np.ones((2, 1, 3, 4, 5)), Status.CONVERGED, History(), {})
+        >>> len(both), both[-1].x.shape, both[:1].x.shape
+        (2, (1, 3, 4, 5), (1, 1, 3, 4, 5))
+        """
+        from pnp_sci.results.part import part
+
+        count = len(self)
+        if isinstance(index, slice):
+            chosen = range(count)[index]
+            if not chosen:
+                raise InputError(f"index is {index}: at least one of {count} measurements was expected")
+        else:
+            try:
+                chosen = [range(count)[index]]
+            except IndexError:
+                expected = (
+                    f"a whole number from {-count} to {count - 1} was expected, as there are {count} measurements"
+                )
+                raise InputIndexError(f"index is {index}: {expected}") from None
+        fields = {name: getattr(self, name) for name in self.__dataclass_fields__}
+        if self.x.ndim == 4:
+            fields |= {name: None if (a := fields[name]) is None else a[None] for name in ("x", "uncertainty")}
+        return Result(**part(fields, count, chosen, not isinstance(index, slice)))
+
     def raise_for_status(self) -> None:
         """Raise a SolverError if the computation failed."""
         if not self.status.ok:
@@ -64,8 +114,7 @@ class Result:
     def white(self) -> float:
         """The value shown as white: ``settings["peak"]`` if there is one, else the 99.9th percentile of x."""
         peak = self.settings.get("peak")
-        white = float(np.percentile(self.x, PERCENTILE)) if peak is None else float(peak)
-        return white if white > 0 else 1.0
+        return float(peak) if peak else brightest(self.x)
 
     @property
     def scene(self) -> dict[str, Any]:
@@ -91,12 +140,13 @@ class Result:
             for remark in scene.get("remarks", []):
                 concerned.setdefault(remark, []).append(n)
         count = len(self.scenes)
-        return [text if len(ns) == count else f"measurement {_counted(ns)}: {text}" for text, ns in concerned.items()]
+        return [text if len(ns) == count else f"measurement {counted(ns)}: {text}" for text, ns in concerned.items()]
 
     def save(self, path: str | Path) -> None:
-        """Write NPZ, HDF5 (.h5, .hdf5) or MAT, which :meth:`load` reads; the rest is JSON in it, never pickle.
+        """Write NPZ, HDF5 (.h5, .hdf5), MAT or Zarr, which :meth:`load` reads; the rest is JSON in it, never pickle.
 
-        In MAT-files planes come last, (H, W, B, V), as in MATLAB.
+        In a MAT-file planes come last: x is (H, W, B, V) or (H, W, B, V, N). A Zarr store has the image "video" with
+        axes (t, c, y, x), frames and views, as OME-Zarr 0.5 wants it, and a chunk for each measurement and view.
 
         A write that is interrupted leaves nothing behind, and the file that was there before as it was.
         """
@@ -115,36 +165,76 @@ class Result:
         """
         return cls(**storage.load(Path(path)))
 
-    def plot(
-        self, frames: Sequence[int] | None = None, reference: Any = None, uncertainty: bool = False, white: White = None
-    ) -> Figure:
-        """A picture of some frames of each view.
+    def to_xarray(self, fps: float | None = None) -> Dataset:
+        """A data set of xarray with the axes (measurement, view, frame, y, x); it needs the extra ``xarray``.
 
-        White is :attr:`white`, or the largest value of the reference, or as for :meth:`export`. See
-        :func:`pnp_sci.plot.plot_video` for the other parameters.
+        Parameters
+        ----------
+        fps : float, optional
+            Frames per second: `time` in seconds becomes a coordinate of the frames.
+
+        Returns
+        -------
+        xarray.Dataset
+            Variables `video`, `history` and, where it is known, `uncertainty`; `status`, `settings`, `scenes` and
+            `remarks` are attributes, the last three as JSON.
+
+        Examples
+        --------
+        >>> result = Result(np.ones((2, 3, 4, 5)), Status.CONVERGED, History(), {})
+        >>> result.to_xarray(fps=10).video.sel(view=1, frame=2).shape
+        (1, 4, 5)
+        """
+        from pnp_sci.results.labelled import labelled
+
+        return labelled(self, fps)
+
+    def plot(
+        self, frames: Sequence[int] | None = None, reference: Any = None, uncertainty: bool = False, white: Any = None
+    ) -> Figure:
+        """A picture of some frames of each view, white as :attr:`white` or as the largest value of the reference.
+
+        See :func:`pnp_sci.plot.plot_video` for the parameters.
         """
         from pnp_sci.plot import plot_video
 
         errors = self.uncertainty if uncertainty else None
         if uncertainty and errors is None:
             raise InputError("uncertainty was not asked for: solve(..., uncertainty=True) predicts it")
-        shown = None if reference is not None and white is None else white_of(self.x, white, self.white).ravel()
-        return plot_video(self.x, frames, reference, shown, errors)
+        white = self.white if reference is None and white is None else white
+        return plot_video(self.x, frames, reference, white, errors)
 
-    def export(self, path: str | Path, fps: float = 10, white: White = None) -> None:
-        """Write it for looking at, or as a stack of pictures with its values.
+    def show(self, white: Any = None) -> Shown:
+        """What a notebook shows of a result, with another white: a number, one a view, or "view" (see :meth:`export`).
+
+        Examples
+        --------
+        >>> shown = Result(np.ones((2, 3, 4, 5)), Status.CONVERGED, History(), {}).show(white="view")
+        >>> shown._repr_html_().startswith("<table>")
+        True
+        """
+        from pnp_sci.results.notebook import Shown, as_html
+
+        rows = {"video": self._size(), "effort": self._effort(), "status": self.status.value}
+        rows |= {key: str(self.settings[key]) for key in ("prior", "algorithm") if key in self.settings}
+        rows |= {"scores": self._scores().removeprefix("; "), "remarks": "; ".join(self.remarks)}
+        return Shown(as_html(rows, self.x, whites(white, self._videos(), self.white)))
+
+    def export(self, path: str | Path, fps: float = 10, white: Any = None) -> None:
+        """Write it for looking at, or as TIFF with its values.
 
         Parameters
         ----------
         path : path
             MP4, AVI or GIF: a film of 8 bits, the views side by side. PNG: one picture of 8 bits, frames from left to
-            right, views below each other. TIFF: float32, unscaled, for ImageJ: frames as times and views as channels.
-            Several measurements follow one another, or lie below each other in a PNG.
+            right, views below each other. TIFF: the values as float32 and unscaled, frames as T and views as channels,
+            for ImageJ, or with OME-XML as ``.ome.tif``. Several measurements follow one another, or lie below each
+            other in a PNG.
         fps : float
-            Frames per second of a film; in a TIFF it is noted.
-        white : float, sequence of float, or "view"
-            The value that is white in films and pictures: for all views, for each, or "view" for the 99.9th percentile
-            of each view, so that dim views are seen. By default :attr:`white`.
+            Frames per second of a film, or in the metadata of a TIFF.
+        white : float, sequence of V floats, or "view", optional
+            What is white: one value, one a view, or the 99.9th percentile of each view. Default: :attr:`white`.
+            Pictures are divided by it and clipped to [0, 1]; a TIFF has it as metadata only.
 
         Raises
         ------
@@ -153,40 +243,25 @@ class Result:
         InputError
             If `fps` or `white` cannot be used.
         """
-        export(Path(path), self.x, white_of(self.x, white, self.white), fps)
+        path, x = Path(path), self._videos()
+        levels, fps, suffix = whites(white, x, self.white), positive_number("fps", fps), path.suffix.lower()
+        if suffix in films_as_tiff.SUFFIXES:
+            with replacing(path) as temporary:
+                films_as_tiff.save(temporary, x, fps, levels, films_as_tiff.is_ome(path))
+            return
+        shown = np.clip(x / levels[:, None, None, None], 0, 1).astype(np.float32)
+        _, views, frames, rows, columns = shown.shape
+        if suffix in _formats.VIDEO:
+            io.write_video(path, shown.transpose(0, 2, 3, 1, 4).reshape(-1, rows, views * columns), fps)
+        elif suffix == ".png":
+            io.write(path, shown.transpose(0, 1, 3, 2, 4).reshape(-1, frames * columns))
+        else:
+            known = ", ".join(sorted({*_formats.VIDEO, *films_as_tiff.SUFFIXES, ".png"}))
+            raise FormatError(f"{path}: cannot export as {suffix or 'a file without suffix'}; known are {known}")
 
-    def to_xarray(self, fps: float | None = None) -> xarray.Dataset:
-        """Labelled arrays: `x` and, where it is known, `uncertainty`; needs the extra ``xarray``.
-
-        Dimensions are measurement (of several), view, frame, row and column. Status, remarks and, as JSON, settings are
-        attributes. With `fps`, frames per second, the coordinate `time` has seconds since the first frame.
-        """
-        return as_dataset(self, fps)
-
-    def __len__(self) -> int:
-        return len(self.x) if self.x.ndim == 5 else 1
-
-    def __getitem__(self, index: int | slice) -> Result:
-        """The result of one of several measurements, or of some: its video, history, plan, scene and errors.
-
-        A measurement of a sequence has the history and the plan of its window.
-        """
-        if self.x.ndim != 5:
-            raise InputError(f"index is {index!r}, but the result is of one measurement alone")
-        try:
-            numbers = range(len(self.x))[index]
-        except (IndexError, TypeError) as error:
-            expected = f"a number from {-len(self.x)} to {len(self.x) - 1}, or a slice, was expected"
-            raise InputError(f"index is {index!r}: {expected}") from error
-        own = parts(self, numbers if isinstance(numbers, range) else [numbers])
-        history = History(replace(record, measurement=k) for k, record in own["records"])
-        errors = None if self.uncertainty is None else self.uncertainty[index]
-        statuses = own["settings"].get("status")
-        status = Status.worst(map(Status, statuses)) if statuses else self.status
-        return Result(self.x[index], status, history, own["settings"], own["scenes"], errors)
-
-    def __iter__(self) -> Iterator[Result]:
-        return (self[n] for n in range(len(self)))
+    def _videos(self) -> np.ndarray:
+        """X as (N, V, B, H, W)."""
+        return self.x if self.x.ndim == 5 else self.x[None]
 
     def __repr__(self) -> str:
         line = f"Result({self._size()}, {self._effort()}: {self.status.value}{self._scores()})"
@@ -199,16 +274,11 @@ class Result:
         """
         plans, of = self.settings.get("plan", []), "window" if self.settings.get("sequence", 1) > 1 else "measurement"
         numbered = [f"  {of} {n + 1}: " if len(plans) > 1 else "  " for n in range(len(plans))]
-        return "\n".join([repr(self), *(start + _in_words(plan) for start, plan in zip(numbered, plans))])
+        return "\n".join([repr(self), *(start + in_words(plan) for start, plan in zip(numbered, plans))])
 
     def _repr_html_(self) -> str:
         """What a notebook shows: a table, a picture of some frames, and a player."""
-        from pnp_sci.results.notebook import as_html
-
-        rows = {"video": self._size(), "effort": self._effort(), "status": self.status.value}
-        rows |= {key: str(self.settings[key]) for key in ("prior", "algorithm") if key in self.settings}
-        rows |= {"scores": self._scores().removeprefix("; "), "remarks": "; ".join(self.remarks)}
-        return as_html(rows, self.x, self.white)
+        return self.show()._repr_html_()
 
     def _size(self) -> str:
         *several, views, frames, rows, columns = self.x.shape
@@ -234,18 +304,3 @@ class Result:
 
     def _last_records(self) -> list[Record]:
         return list({record.measurement: record for record in self.history}.values())
-
-
-def _counted(numbers: Sequence[int]) -> str:
-    """``[0, 2]`` -> ``"1, 3"``; ten at most."""
-    texts = [str(n + 1) for n in numbers[:10]]
-    return ", ".join(texts) + (f" and {len(numbers) - 10} more" if len(numbers) > 10 else "")
-
-
-def _in_words(plan: dict[str, Any]) -> str:
-    """A plan as :meth:`pnp_sci.solvers.plan.Plan.describe` gives it, in a line."""
-    ends = [*(turn["from"] for turn in plan["serves"][1:]), plan["iterations"]]
-    turns = [f"{turn['name']} to iteration {end} at most" for turn, end in zip(plan["serves"], ends)]
-    first, last = plan["sigma"]
-    sigma = f"sigma {first:.3g}" if first == last else f"sigma falling from {first:.3g} to {last:.3g}"
-    return f"{plan['algorithm']}: {', then '.join(turns)}; {sigma}, rho {plan['rho']:.3g}"

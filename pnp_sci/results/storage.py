@@ -1,9 +1,9 @@
-"""Results in files: NPZ, HDF5 or MAT, arrays beside JSON, nothing pickled."""
+"""Results in files: NPZ, HDF5, MAT or Zarr, arrays beside JSON, nothing pickled."""
 
 from __future__ import annotations
 
 import json
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from pathlib import Path
 from typing import Any
 
@@ -13,9 +13,12 @@ from pnp_sci.errors import FormatError, InputTypeError, MissingExtraError
 from pnp_sci.formats import hdf5, mat, npz
 from pnp_sci.formats.child import apart
 from pnp_sci.formats.replacing import replacing
+from pnp_sci.results import in_zarr
 from pnp_sci.results.history import History, Status
 
-SUFFIXES = ".npz", ".h5", ".hdf5", ".mat"
+Arrays = dict[str, np.ndarray]
+Texts = dict[str, str]
+
 _EARLIER_STATUSES = {  # sentences that older files hold
     "the residual grew: the best iterate before that is returned": Status.DIVERGED,
     "an iterate was not finite: the last finite one is returned": Status.NOT_FINITE,
@@ -39,19 +42,11 @@ def save(
     texts = {
         "status": status.value,
         "history_columns": json.dumps(History.names),
-        "settings": json.dumps(settings, default=_as_json),
-        "scenes": json.dumps(scenes, default=_as_json),
+        "settings": as_json(settings),
+        "scenes": as_json(scenes),
     }
     with replacing(path) as temporary:
-        if path.suffix.lower() == ".npz":
-            npz.save(temporary, arrays | {key: np.array(text) for key, text in texts.items()}, packed=False)
-        elif path.suffix.lower() == ".mat":
-            mat.save(temporary, arrays, texts)
-        else:
-            with hdf5.creating(temporary) as file:
-                for name, array in arrays.items():
-                    file[name] = array
-                file.attrs.update(texts)
+        _WRITERS[path.suffix.lower()](temporary, arrays, texts)
 
 
 def load(path: Path) -> dict[str, Any]:
@@ -65,7 +60,7 @@ def load(path: Path) -> dict[str, Any]:
         If it is damaged or not a result.
     """
     _check_suffix(path)
-    if not path.is_file():
+    if not (path.is_dir() if path.suffix.lower() == ".zarr" else path.is_file()):
         raise FileNotFoundError(f"{path}: there is no such file")
     try:
         return _fields(_READERS[path.suffix.lower()](path))
@@ -74,6 +69,11 @@ def load(path: Path) -> dict[str, Any]:
     except Exception as error:  # each library has its own exceptions for a damaged file
         reason = (str(error) or type(error).__name__).splitlines()[0]
         raise FormatError(f"{path} cannot be read as a result: {reason}") from error
+
+
+def as_json(value: Any) -> str:
+    """Settings or scenes as text."""
+    return json.dumps(value, default=_plain)
 
 
 def _fields(parts: Mapping[str, Any]) -> dict[str, Any]:
@@ -111,7 +111,7 @@ def _check_suffix(path: Path) -> None:
         raise FormatError(f"{path}: a result is kept in {', '.join(SUFFIXES)}, but {path.suffix or 'no suffix'} came")
 
 
-def _as_json(value: Any) -> Any:
+def _plain(value: Any) -> Any:
     if isinstance(value, np.ndarray | np.generic) and value.dtype.kind in "biufU":
         return value.tolist()
     if isinstance(value, Path):
@@ -119,19 +119,26 @@ def _as_json(value: Any) -> Any:
     raise InputTypeError(f"settings or scenes hold {value!r} of type {type(value).__name__}: JSON has no such thing")
 
 
+def _write_npz(path: Path, arrays: Arrays, texts: Texts) -> None:
+    npz.save(path, arrays | {key: np.array(text) for key, text in texts.items()}, packed=False)
+
+
 def _read_npz(path: Path) -> Mapping[str, Any]:
     with path.open("rb") as stream, np.load(stream, allow_pickle=False) as file:
         return dict(file)
+
+
+def _write_hdf5(path: Path, arrays: Arrays, texts: Texts) -> None:
+    with hdf5.creating(path) as file:
+        for name, array in arrays.items():
+            file[name] = array
+        file.attrs.update(texts)
 
 
 def _read_hdf5(path: Path) -> Mapping[str, Any]:
     hdf5.h5py()
     parts = apart(lambda: _parts(path), path.stat().st_size)
     return {key: part.tobytes().decode() if part.dtype == np.uint8 else part for key, part in parts.items()}
-
-
-def _read_mat(path: Path) -> Mapping[str, Any]:
-    return {**mat.load(path), **mat.load_texts(path)}
 
 
 def _parts(path: Path) -> dict[str, np.ndarray]:
@@ -141,4 +148,28 @@ def _parts(path: Path) -> dict[str, np.ndarray]:
         return texts | {key: np.asarray(file[key]) for key in ("x", "history", "uncertainty") if key in file}
 
 
-_READERS = {".npz": _read_npz, ".h5": _read_hdf5, ".hdf5": _read_hdf5, ".mat": _read_mat}
+def _write_mat(path: Path, arrays: Arrays, texts: Texts) -> None:
+    mat.save(path, arrays, texts | {"shape": json.dumps(arrays["x"].shape)})
+
+
+def _read_mat(path: Path) -> Mapping[str, Any]:
+    """MATLAB drops last axes of length 1, which are our first ones."""
+    arrays, texts = mat.load(path), mat.load_texts(path)
+    for name in {"x", "uncertainty"} & set(arrays):
+        arrays[name] = np.ascontiguousarray(arrays[name]).reshape(json.loads(texts["shape"]))
+    return arrays | texts
+
+
+_WRITERS: dict[str, Callable[[Path, Arrays, Texts], None]] = {
+    ".npz": _write_npz,
+    **dict.fromkeys((".h5", ".hdf5"), _write_hdf5),
+    ".mat": _write_mat,
+    ".zarr": in_zarr.write,
+}
+_READERS: dict[str, Callable[[Path], Mapping[str, Any]]] = {
+    ".npz": _read_npz,
+    **dict.fromkeys((".h5", ".hdf5"), _read_hdf5),
+    ".mat": _read_mat,
+    ".zarr": in_zarr.read,
+}
+SUFFIXES = tuple(_WRITERS)

@@ -171,6 +171,29 @@ class SensingOperator:
         _kernels.project(self._planes, x.reshape(flat), y.reshape(-1), weight, out.reshape(flat), out is x)
         return out
 
+    def multiplier(
+        self,
+        dual: np.ndarray,
+        residual: np.ndarray,
+        pace: float,
+        rho: float | np.ndarray,
+        saturated: np.ndarray | None = None,
+    ) -> tuple[np.ndarray, np.ndarray]:
+        """The multiplier q' of GAP and its move m, both (H, W), 0 in pixels that every mask leaves closed.
+
+        ``q' = (q + pace r) gram / (gram + pace rho);  m = (q' - q) / pace``  for the multiplier q = `dual` and the
+        residual r, all (H, W). Where `saturated` is true, q' is 0 or more.
+        """
+        from pnp_sci.sensing import kernels as _kernels
+
+        after, move = (np.empty(dual.shape, self.dtype) for _ in range(2))
+        bounds = np.empty(0, bool) if saturated is None else saturated.reshape(-1)
+        with np.errstate(over="ignore"):  # an infinite rho leaves nothing of the multiplier
+            rho = np.asarray(rho, self.dtype).reshape(-1)
+        given, made = ([a.reshape(-1) for a in arrays] for arrays in ((dual, residual, self.gram), (after, move)))
+        _kernels.multiplier(*given, self.dtype.type(pace), rho, bounds, *made)
+        return after, move
+
     def linear_operator(self) -> LinearOperator:
         """This operator for :mod:`scipy.sparse.linalg`; vectors are flattened (V, B, H, W) and (H, W) arrays."""
         from scipy.sparse import linalg

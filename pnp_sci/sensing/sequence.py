@@ -100,8 +100,8 @@ class SequenceOperator(SensingOperator):
         return out
 
 
-def split(x: np.ndarray, count: int) -> np.ndarray:
-    """The videos (N, V, B, H, W) of `count` measurements, a view of their video x (V, N * B, H, W).
+def split(x: Any, count: int) -> Any:
+    """The videos (N, V, B, H, W) of `count` measurements, a view of their video x (V, N * B, H, W), array or tensor.
 
     >>> split(np.ones((2, 6, 4, 5)), 3).shape
     (3, 2, 2, 4, 5)

@@ -12,6 +12,7 @@ import torch
 
 from pnp_sci.errors import InputError, InputTypeError
 from pnp_sci.sensing.operator import SensingOperator, as_masks
+from pnp_sci.sensing.sequence import SequenceOperator, split
 
 _FLOATING = (torch.float32, torch.float64)
 
@@ -122,17 +123,28 @@ class TorchSensingOperator(torch.nn.Module):
         InputError, InputTypeError
             If the last dimensions differ from those of the masks, values are not real, or rho is negative.
         """
-        rho = rho if isinstance(rho, torch.Tensor) else torch.tensor(rho, dtype=self.dtype, device=self.gram.device)
-        smallest = float(rho.detach().min())
+        smallest = float(rho.detach().min() if isinstance(rho, torch.Tensor) else rho)
         if not smallest >= 0:
             raise InputError(f"rho is {smallest}: a number >= 0 was expected")
         x, y = self._tensor("x", x, self.shape), self._tensor("y", y, self.shape[2:])
-        if rho.ndim and rho.shape == torch.broadcast_shapes(x.shape[:-4], y.shape[:-2]):
+        batch = torch.broadcast_shapes(x.shape[:-4], y.shape[:-2])
+        if isinstance(rho, torch.Tensor) and rho.ndim and rho.shape == batch:
             rho = rho[..., None, None]
         total = self.gram + rho
         alive = total > 0
         weight = alive / torch.where(alive, total, 1)
         return x + self.adjoint((y - self.forward(x)) * weight)
+
+    def multiplier(
+        self,
+        dual: torch.Tensor,
+        residual: torch.Tensor,
+        pace: float,
+        rho: float | torch.Tensor,
+        saturated: torch.Tensor | None = None,
+    ) -> tuple[torch.Tensor, torch.Tensor]:
+        """The multiplier of GAP and its move, as :meth:`pnp_sci.SensingOperator.multiplier`, (..., H, W)."""
+        return multiplier(self.gram, dual, residual, pace, rho, saturated)
 
     def _tensor(self, name: str, value: Any, shape: tuple[int, ...]) -> torch.Tensor:
         if not isinstance(value, torch.Tensor):
@@ -148,3 +160,48 @@ class TorchSensingOperator(torch.nn.Module):
                 f"{name} has shape {tuple(value.shape)}: (..., {expected}) was expected, as the masks have it"
             )
         return value.to(self.gram)
+
+
+class TorchSequenceOperator:
+    """:class:`pnp_sci.SequenceOperator` on tensors: parts of consecutive measurements, each seeing its own frames.
+
+    Parameters
+    ----------
+    op : SequenceOperator
+    device : str, optional
+    """
+
+    def __init__(self, op: SequenceOperator, device: str | None = None):
+        parts = {id(part): TorchSensingOperator(part, device=device) for part in op.parts}
+        self.parts = [parts[id(part)] for part in op.parts]
+        self.shape, self.gram = op.shape, torch.stack([part.gram for part in self.parts])
+
+    def forward(self, x: torch.Tensor) -> torch.Tensor:
+        """Phi x: the measurements (N, H, W) of a video (V, N * B, H, W)."""
+        return torch.stack([part(video) for part, video in zip(self.parts, split(x, len(self.parts)))])
+
+    def project(self, x: torch.Tensor, y: torch.Tensor, rho: float | torch.Tensor = 0.0) -> torch.Tensor:
+        """As :meth:`pnp_sci.SequenceOperator.project`."""
+        rhos = rho if isinstance(rho, torch.Tensor) and rho.ndim else [rho] * len(self.parts)
+        videos = zip(self.parts, split(x, len(self.parts)), y, rhos)
+        return torch.cat([part.project(video, picture, weight) for part, video, picture, weight in videos], 1)
+
+    def multiplier(self, *arrays: Any) -> tuple[torch.Tensor, torch.Tensor]:
+        """As :meth:`TorchSensingOperator.multiplier`, for (N, H, W)."""
+        return multiplier(self.gram, *arrays)
+
+
+def multiplier(
+    gram: torch.Tensor,
+    dual: torch.Tensor,
+    residual: torch.Tensor,
+    pace: float,
+    rho: float | torch.Tensor,
+    saturated: torch.Tensor | None = None,
+) -> tuple[torch.Tensor, torch.Tensor]:
+    """The multiplier of GAP and its move, see :meth:`pnp_sci.SensingOperator.multiplier`; all (..., H, W)."""
+    after = (dual + pace * residual) * (gram / (gram + pace * rho))
+    after = torch.where(gram > 0, after, 0)
+    if saturated is not None:
+        after = torch.where(saturated & (after < 0), 0, after)
+    return after, (after - dual) / pace

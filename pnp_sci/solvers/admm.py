@@ -2,20 +2,18 @@
 
 from __future__ import annotations
 
-import numpy as np
-
-from pnp_sci.sensing.operator import SensingOperator
-from pnp_sci.solvers.state import Denoise, State, missing
+from pnp_sci.accel.arrays import copied, library
+from pnp_sci.solvers.state import Array, Denoise, Operator, State, missing
 
 
 def admm_step(
-    op: SensingOperator,
-    y: np.ndarray,
+    op: Operator,
+    y: Array,
     denoise: Denoise,
     state: State,
     sigma: float,
-    rho: float | np.ndarray = 0.0,
-    saturated: np.ndarray | None = None,
+    rho: float | Array = 0.0,
+    saturated: Array | None = None,
 ) -> State:
     """One iteration of plug-and-play ADMM in scaled form.
 
@@ -25,12 +23,12 @@ def admm_step(
     ``Phi z = y``. Where y is saturated, ``||y - Phi z||`` counts only what Phi z falls short of y. Keeps a dual video u
     in `State.dual`, where GAP keeps one picture.
     """
-    dual = state.dual if state.dual.ndim == 4 else np.zeros_like(state.x)
+    dual = state.dual if state.dual.ndim == 4 else library(state.x).zeros_like(state.x)
     v, target = state.x - dual, y
     if saturated is not None:
         measured = op.forward(v)
         target = measured + missing(y - measured, saturated)
     v = op.project(v, target, rho)
     v += dual
-    x = denoise(v.copy(), sigma)
+    x = denoise(copied(v), sigma)
     return State(state.iteration + 1, x, y - op.forward(x), v - x, sigma)

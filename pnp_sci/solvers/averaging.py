@@ -42,6 +42,6 @@ def _mixed(before: State, state: State, share: float) -> State:
     """`state` with ``(1 - share) before + share state`` as its estimate and residual."""
     x, residual = before.x - state.x, before.residual - state.residual
     for mean, newest in ((x, state.x), (residual, state.residual)):
-        mean *= mean.dtype.type(1 - share)
+        mean *= 1 - share
         mean += newest
     return replace(state, x=x, residual=residual)

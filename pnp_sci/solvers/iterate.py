@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from dataclasses import replace
 from typing import Any
 
 import numpy as np
 
 from pnp_sci._validate import finite_number, instance, one_of, shaped
+from pnp_sci.accel.arrays import like
 from pnp_sci.plugins.combine import InTurn, turns
 from pnp_sci.plugins.protocols import Session
 from pnp_sci.plugins.resolve import as_prior
@@ -16,7 +17,7 @@ from pnp_sci.sensing.operator import SensingOperator
 from pnp_sci.solvers.admm import admm_step
 from pnp_sci.solvers.gap import gap_step, plain_gap_step
 from pnp_sci.solvers.schedule import Schedule, schedule_for
-from pnp_sci.solvers.state import State, Step, start
+from pnp_sci.solvers.state import Array, Denoise, Operator, State, Step, start
 
 ALGORITHMS: dict[str, Step] = {"gap": gap_step, "plain-gap": plain_gap_step, "admm": admm_step}
 
@@ -80,36 +81,36 @@ def iterate(
 
 
 def states(
-    op: SensingOperator,
-    y: np.ndarray,
+    op: Operator,
+    y: Array,
     session: Session,
-    x: np.ndarray,
+    x: Array,
     step: Step,
     schedule: Schedule,
-    saturated: np.ndarray | None = None,
+    saturated: Array | None = None,
 ) -> Iterator[State]:
     """The iterates of :func:`iterate`, with a session of the prior and a schedule."""
-    denoise = _in_place(session, op)
+    denoise = _in_place(session)
     state = start(op, y, x)
     del x  # as large as all that a step needs
     while True:
         yield state
         sigma, rho = schedule.at(state.iteration)
         if state.iteration and sigma != state.sigma:  # what the solver has accumulated is in units of sigma
-            state = replace(state, dual=state.dual * op.dtype.type(sigma / state.sigma))
+            state = replace(state, dual=state.dual * (sigma / state.sigma))
         state = step(op, y, denoise, state, sigma, rho, saturated)
 
 
-def _in_place(session: Session, op: SensingOperator) -> Callable[[np.ndarray, float], np.ndarray]:
+def _in_place(session: Session) -> Denoise:
     """A denoiser that overwrites its argument, the solver's own v, whatever array the session returns.
 
     So a prior may reuse its buffers. Values that are not finite are left to the guard.
     """
 
-    def denoise(v: np.ndarray, sigma: float) -> np.ndarray:
+    def denoise(v: Array, sigma: float) -> Array:
         x = session(v, sigma, out=v)
         if x is not v:
-            np.copyto(v, shaped("what the prior returns", x, op.shape, op.dtype))
+            v[...] = like("what the prior returns", x, v)
         return v
 
     return denoise

@@ -2,19 +2,18 @@
 
 from __future__ import annotations
 
+import math
 import time
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass, replace
 
-import numpy as np
-
 from pnp_sci.results.history import Record, Status
 from pnp_sci.solvers.averaging import RunningMean
 from pnp_sci.solvers.plan import Plan
-from pnp_sci.solvers.state import State, length
+from pnp_sci.solvers.state import Array, State, length
 from pnp_sci.solvers.stopping import Guard, Stopping, relative_residual
 
-Score = Callable[[np.ndarray], float | None]
+Score = Callable[[Array], float | None]
 
 
 @dataclass
@@ -30,13 +29,13 @@ class _Clock:
 
 def run(
     states: Iterator[State],
-    y: np.ndarray,
+    y: Array,
     plan: Plan,
     observe: Callable[[State, Record], bool],
     *,
     noise: float = 0.0,
     score: Score | None = None,
-    saturated: np.ndarray | None = None,
+    saturated: Array | None = None,
     finish: Callable[[State], State] | None = None,
 ) -> tuple[State, Status, list[Record]]:
     """Take states until the plan ends them, the observer asks to stop, or the guard sees a failure.
@@ -55,7 +54,7 @@ def run(
     norm = length(y) or 1.0
     clock, guard, stopping, mean = (
         _Clock(time.perf_counter()),
-        Guard(noise * y.size**0.5 / norm),
+        Guard(noise * math.prod(y.shape) ** 0.5 / norm),
         Stopping(plan, norm),
         RunningMean(),
     )
@@ -90,7 +89,7 @@ def run(
     status = Status.STOPPED if asked else status
     if finish and estimate.iteration:
         finished = finish(estimate)
-        if not np.isfinite(length(finished.residual)):
+        if not math.isfinite(length(finished.residual)):
             return _before_failure(guard.best or estimate, Status.NOT_FINITE, records)
         estimate, records[-1] = finished, record_of(finished, clock.seconds())
     return estimate, status, records  # type: ignore[return-value]

@@ -4,18 +4,41 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass
-from typing import Protocol
+from typing import Any, Protocol
 
-import numpy as np
+from pnp_sci.accel.arrays import length as length
+from pnp_sci.accel.arrays import library
 
-from pnp_sci.sensing.operator import SensingOperator
+Array = Any  # of numpy, or a tensor of torch
+Denoise = Callable[[Array, float], Array]  # (v, sigma) -> x; may overwrite v
 
-Denoise = Callable[[np.ndarray, float], np.ndarray]  # (v, sigma) -> x; may overwrite v
+
+class Operator(Protocol):
+    """What solvers need of Phi: :class:`~pnp_sci.SensingOperator`, or its twin on tensors."""
+
+    @property
+    def shape(self) -> tuple[int, int, int, int]:
+        """(V, B, H, W)."""
+        ...
+
+    def forward(self, x: Array) -> Array:
+        """Phi x."""
+        ...
+
+    def project(self, x: Array, y: Array, rho: float | Array = 0.0) -> Array:
+        """``x + Phi^T (y - Phi x) / (gram + rho)``."""
+        ...
+
+    def multiplier(
+        self, dual: Array, residual: Array, pace: float, rho: float | Array, saturated: Array | None = None
+    ) -> tuple[Array, Array]:
+        """The multiplier of GAP and its move."""
+        ...
 
 
 @dataclass(frozen=True, eq=False)
 class State:
-    """Where the solver stands.
+    """Where the solver stands; arrays are tensors where it runs in torch.
 
     Attributes
     ----------
@@ -33,9 +56,9 @@ class State:
     """
 
     iteration: int
-    x: np.ndarray
-    residual: np.ndarray
-    dual: np.ndarray
+    x: Array
+    residual: Array
+    dual: Array
     sigma: float = float("nan")
     pace: float = 1.0
 
@@ -45,33 +68,23 @@ class Step(Protocol):
 
     def __call__(
         self,
-        op: SensingOperator,
-        y: np.ndarray,
+        op: Operator,
+        y: Array,
         denoise: Denoise,
         state: State,
         sigma: float,
-        rho: float | np.ndarray,
-        saturated: np.ndarray | None,
+        rho: float | Array,
+        saturated: Array | None,
     ) -> State:
         """The state after `state`, which stays as it is."""
         ...
 
 
-def missing(residual: np.ndarray, saturated: np.ndarray | None) -> np.ndarray:
+def missing(residual: Array, saturated: Array | None) -> Array:
     """What an estimate fails to explain of y (H, W): the residual, but nothing where it exceeds a saturated y."""
-    return residual if saturated is None else np.where(saturated, np.maximum(residual, 0), residual)
+    return residual if saturated is None else library(residual).where(saturated & (residual < 0), 0, residual)
 
 
-def start(op: SensingOperator, y: np.ndarray, x: np.ndarray) -> State:
+def start(op: Operator, y: Array, x: Array) -> State:
     """The state before the first iteration, from a first estimate x."""
-    return State(0, x, y - op.forward(x), np.zeros_like(y))
-
-
-def length(picture: np.ndarray) -> float:
-    """Euclidean norm of (..., H, W); einsum does not start threads, which would disturb those of the kernels."""
-    return float(np.sqrt(dot(picture, picture)))
-
-
-def dot(one: np.ndarray, other: np.ndarray) -> float:
-    """Inner product of pictures (..., H, W)."""
-    return float(np.einsum("i,i", one.reshape(-1), other.reshape(-1)))
+    return State(0, x, y - op.forward(x), library(y).zeros_like(y))

@@ -2,15 +2,14 @@
 
 from __future__ import annotations
 
+import math
 import time
 from dataclasses import dataclass, replace
-
-import numpy as np
 
 from pnp_sci._tuned import Tuned
 from pnp_sci.results.history import Status
 from pnp_sci.solvers.plan import Plan
-from pnp_sci.solvers.state import State, length, missing
+from pnp_sci.solvers.state import Array, State, length, missing
 
 EXPLODED = 10.0  # relative residual that no useful iterate has: x = 0 has 1
 
@@ -35,11 +34,11 @@ class Guard:
     def __init__(self, floor: float = 0.0):
         self.floor = floor
         self.best: State | None = None
-        self.smallest = np.inf
+        self.smallest = math.inf
 
     def failure(self, state: State, relative: float) -> Status | None:
         """What is wrong with an iterate of this relative residual; None if nothing."""
-        if not np.isfinite(length(state.residual)):  # it is not if any value of x is not: 0 * nan is nan
+        if not math.isfinite(length(state.residual)):  # it is not if any value of x is not: 0 * nan is nan
             return Status.NOT_FINITE
         return Status.DIVERGED if relative > EXPLODED else None
 
@@ -54,7 +53,7 @@ class Stopping:
 
     def __init__(self, plan: Plan, norm: float):
         self.plan, self.norm = plan, norm
-        self.before: np.ndarray | None = None  # residual
+        self.before: Array | None = None  # residual
         self.quiet = 0  # iterations in a row that have changed less than the tolerance
         self.slowest = 0.0  # seconds of an iteration with the prior that serves
         self.ending = 0.0  # seconds that are left for what finishes the estimate, where its pace is not known
@@ -92,6 +91,6 @@ class Stopping:
         return self.slowest + self.ending
 
 
-def relative_residual(state: State, norm: float, saturated: np.ndarray | None) -> float:
+def relative_residual(state: State, norm: float, saturated: Array | None) -> float:
     """``||y - Phi x|| / ||y||``; of saturated pixels only what Phi x falls short of y counts."""
     return length(missing(state.residual, saturated)) / norm

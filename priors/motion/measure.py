@@ -127,7 +127,7 @@ def measure(
     small = np.stack([cv2.resize(f, ((width + 1) // 2, (height + 1) // 2), interpolation=cv2.INTER_AREA) for f in view])
     close = view.dtype.type(TUNED.halved * tolerance)
 
-    flow = _searched(view, pairs, small.shape[1:], before)
+    flow = searched(view, pairs, small.shape[1:], None if before is None else before.flow)
     distance = _chosen(small, near, neighbours, close, flow)
     trust, weights = np.empty(distance.shape, np.uint8), np.empty(distance.shape, np.uint8)
     place = {pair: p for p, pair in enumerate(near)}
@@ -142,8 +142,11 @@ def measure(
     return _enlarged(Motion(pairs, first, flow, weights, still), height, width)
 
 
-def _searched(view: np.ndarray, pairs: np.ndarray, half: tuple[int, ...], before: Motion | None) -> np.ndarray:
-    """Flow of each pair of frames by dense inverse search, int16 (P, h, w, 2) with h, w = `half` the size of frames."""
+def searched(view: np.ndarray, pairs: np.ndarray, half: tuple[int, ...], start: np.ndarray | None) -> np.ndarray:
+    """Flow of each pair of frames by dense inverse search, int16 (P, h, w, 2) with h, w = `half` the size of frames.
+
+    The search begins from the flow `start` (P, h, w, 2) of frames of full size. Both are in 1/64 pixel.
+    """
     import cv2
 
     pictures = [cv2.GaussianBlur(np.clip(f, 0, 1), (0, 0), TUNED.blur) for f in view.astype(np.float32)]
@@ -160,8 +163,8 @@ def _searched(view: np.ndarray, pairs: np.ndarray, half: tuple[int, ...], before
             dis.setPatchSize(side)
             dis.setPatchStride(TUNED.stride)
             begin = None
-            if before is not None:
-                begin = cv2.resize(before.flow[p] / np.float32(averages.FRACTION), view.shape[:0:-1])
+            if start is not None:
+                begin = cv2.resize(start[p] / np.float32(averages.FRACTION), view.shape[:0:-1])
             found = dis.calc(pictures[b], pictures[pairs[p, 1]], begin)  # type: ignore[call-overload, arg-type]
             found = cv2.resize(found, half[::-1], interpolation=cv2.INTER_AREA)
             flow[p] = _rescaled(averages.FRACTION * found, view.shape[1:], half)
@@ -235,18 +238,6 @@ def _rescaled(flow: np.ndarray, size: tuple[int, ...], other: tuple[int, ...]) -
     """Convert a flow (..., 2) from pixels of frames of one `size` to pixels of an `other` size, as int16."""
     scale = np.array([other[1] / size[1], other[0] / size[0]], np.float32)
     return np.clip(np.rint(flow * scale), -matches.LIMIT, matches.LIMIT).astype(np.int16)
-
-
-def finished(x: np.ndarray, sigma: float, neighbours: int, drift: float, rest: float) -> np.ndarray:
-    """Average a solver's last estimate x (V, B, H, W) along the motion estimated from x itself.
-
-    `sigma` is the solver's last sigma. The other arguments are as for :func:`measure`, with the values used during the
-    iterations. Returns a new array.
-    """
-    out = np.empty_like(x)
-    for view, mean in zip(x, out):
-        measure(view, neighbours, TUNED.certain * sigma, drift, TUNED.certain * rest).average(view, mean)
-    return out
 
 
 def _hold_opencv(threads: int) -> Callable[[], None]:

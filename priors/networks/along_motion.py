@@ -5,12 +5,13 @@ from __future__ import annotations
 import hashlib
 from dataclasses import dataclass
 from pathlib import Path
-
-import numpy as np
+from typing import Any
 
 from pnp_sci._tuned import Tuned
+from pnp_sci.accel.arrays import single
 from priors.motion.measure import TUNED as MOTION
-from priors.motion.measure import Motion, finished, may_show_motion, measure
+from priors.motion.measure import may_show_motion
+from priors.motion.videos import VideoMotion, finished, seen
 from priors.networks import LIMIT
 from priors.networks.image import ImageNet, runner
 
@@ -54,7 +55,7 @@ class VideoNet:
     def __init__(self, weights: str | Path | None = None, device: str | None = None, renew: int = 1):
         self.runner, self.image, self.renew = runner("video", weights, device), ImageNet(device=device), renew
         self.calls = 0
-        self.motion: list[Motion] = []
+        self.motion: VideoMotion | None = None
         self.still: list[float] = []  # fraction of still pixels of each view, of the last motion
 
     @property
@@ -62,41 +63,37 @@ class VideoNet:
         """SHA-256 of the weights of both networks, 64 hexadecimal digits."""
         return hashlib.sha256(f"{self.runner.sha256} {self.image.sha256}".encode()).hexdigest()
 
-    def __call__(self, x: np.ndarray, sigma: float, turn: int = 0) -> np.ndarray:
+    def __call__(self, x: Any, sigma: float, turn: int = 0) -> Any:
         """Denoise x (V, B, H, W), of the same shape in all calls; arguments and result as for :class:`ImageNet`."""
         if not may_show_motion(x.shape) or sigma < FAINT:
             return self.image(x, sigma, turn)
-        frames = np.ascontiguousarray(x, np.float32)
-        if self.calls % self.renew == 0 or not self.motion:
+        frames = single(x)
+        if self.calls % self.renew == 0 or self.motion is None:
             self.motion = see(self.image, frames, sigma, self.motion if self.renew > 1 else None)
-            self.still = [seen.at_rest for seen in self.motion]
+            self.still = self.motion.at_rest
         self.calls += 1
         mean, level = averaged(frames, sigma, self.motion)
         flat = (-1, *x.shape[2:])
         noise = frames - mean + self.runner.noise(mean.reshape(flat), level.reshape(flat), turn).reshape(x.shape)
-        return x - np.clip(noise, -LIMIT * sigma, LIMIT * sigma)
+        return x - noise.clip(-LIMIT * sigma, LIMIT * sigma)
 
-    def finish(self, x: np.ndarray, sigma: float) -> np.ndarray:
+    def finish(self, x: Any, sigma: float) -> Any:
         """Average a solver's last estimate x (V, B, H, W) along the motion estimated from x; sigma is the last one."""
-        if not self.motion:
+        if self.motion is None:
             return x
-        self.motion = []  # frees its memory
+        self.motion = None  # frees its memory
         return finished(x, sigma, MOTION.neighbours, MOTION.drift, TUNED.rest * sigma)
 
 
-def see(image: ImageNet, x: np.ndarray, sigma: float, before: list[Motion] | None = None) -> list[Motion]:
+def see(image: ImageNet, x: Any, sigma: float, before: VideoMotion | None = None) -> VideoMotion:
     """Motion of each view of x (V, B, H, W), with noise of standard deviation `sigma`, after the image net.
 
     The search starts from the motion `before` of earlier estimates of the views.
     """
-    views = zip(image(x, TUNED.sharp * sigma), before or [None] * len(x))
     seeing = MOTION.neighbours, TUNED.tolerance * sigma, MOTION.drift, TUNED.rest * sigma
-    return [measure(view, *seeing, motion) for view, motion in views]
+    return seen(image(x, TUNED.sharp * sigma), *seeing, before)
 
 
-def averaged(x: np.ndarray, sigma: float, motion: list[Motion]) -> tuple[np.ndarray, np.ndarray]:
+def averaged(x: Any, sigma: float, motion: VideoMotion) -> tuple[Any, Any]:
     """Averages of x (V, B, H, W) along the motion of each view, and the standard deviation of their noise."""
-    mean = np.empty_like(x)
-    for view, seen, out in zip(x, motion, mean):
-        seen.average(view, out)
-    return mean, np.float32(sigma) * np.stack([seen.remaining for seen in motion])
+    return motion.average(x), motion.remaining * sigma

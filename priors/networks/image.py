@@ -3,11 +3,10 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import TYPE_CHECKING
-
-import numpy as np
+from typing import TYPE_CHECKING, Any
 
 from pnp_sci._optional import needed_for
+from pnp_sci.accel.arrays import copied, library, single
 
 if TYPE_CHECKING:
     from priors.networks.runner import Runner
@@ -56,12 +55,12 @@ class ImageNet:
         """SHA-256 of the weights, 64 hexadecimal digits."""
         return self.runner.sha256
 
-    def __call__(self, x: np.ndarray, sigma: float, turn: int = 0) -> np.ndarray:
+    def __call__(self, x: Any, sigma: float, turn: int = 0) -> Any:
         """Denoise.
 
         Parameters
         ----------
-        x : ndarray, (V, B, H, W)
+        x : ndarray or Tensor, (V, B, H, W)
             Values about [0, 1], float32 or float64.
         sigma : float
             Standard deviation of the noise in the same units, >= 0. No pixel changes by more than 6 sigma.
@@ -70,14 +69,14 @@ class ImageNet:
 
         Returns
         -------
-        ndarray, (V, B, H, W)
-            A new array of x's dtype.
+        ndarray or Tensor, (V, B, H, W)
+            A new one of x's dtype.
         """
         if sigma == 0:
-            return x.copy()
-        frames = np.ascontiguousarray(x.reshape(-1, *x.shape[2:]), np.float32)
-        return x - self.runner.noise(frames, np.full_like(frames, sigma), turn).reshape(x.shape)
+            return copied(x)
+        frames = single(x.reshape(-1, *x.shape[2:]))
+        return x - self.runner.noise(frames, library(x).full_like(frames, sigma), turn).reshape(x.shape)
 
-    def finish(self, x: np.ndarray, sigma: float) -> np.ndarray:
+    def finish(self, x: Any, sigma: float) -> Any:
         """Return x, a solver's last estimate, unchanged: this network does not use motion."""
         return x

@@ -1,13 +1,16 @@
-"""Inference on numpy arrays: device, precision, and batches that fit into memory."""
+"""Inference on arrays and tensors: device, precision, and batches that fit into memory."""
 
 from __future__ import annotations
 
+import math
 from functools import lru_cache
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import torch
 
+from pnp_sci.accel.arrays import library
 from pnp_sci.accel.inference import ready, running, usable
 from priors.networks import files as _weights
 
@@ -27,7 +30,7 @@ def _opened(path: Path, name: str, device: str | None, changed: int | None) -> R
 
 
 class Runner:
-    """A network on its device, called with numpy arrays.
+    """A network on its device, called with arrays of numpy or tensors.
 
     Parameters
     ----------
@@ -44,19 +47,20 @@ class Runner:
         network, self.sha256 = _weights.load(path, name)
         self.network = ready(network, self.device)
 
-    def noise(self, frames: np.ndarray, level: np.ndarray, turn: int = 0) -> np.ndarray:
+    def noise(self, frames: Any, level: Any, turn: int = 0) -> Any:
         """Estimate the noise of frames (N, H, W) with standard deviation `level` (N, H, W); all are float32.
 
-        The argument `turn` is as for :func:`turned`.
+        Arrays of numpy, or tensors. The argument `turn` is as for :func:`turned`.
         """
-        out = np.empty_like(frames)
-        step = max(1, (CACHED if self.device.type == "cpu" else PIXELS) // frames[0].size)
+        out = library(frames).empty_like(frames)
+        step = max(1, (CACHED if self.device.type == "cpu" else PIXELS) // math.prod(frames.shape[1:]))
         with running(self.device):
             for start in range(0, len(frames), step):
                 part = slice(start, start + step)
-                x, sigma = (torch.from_numpy(a[part]).to(self.device) for a in (frames, level))
+                x, sigma = (torch.as_tensor(a[part], device=self.device) for a in (frames, level))
                 noise = self.network(turned(x, turn), turned(sigma, turn))
-                out[part] = turned(noise, turn, back=True).cpu().numpy()
+                noise = turned(noise, turn, back=True)
+                out[part] = noise.numpy(force=True) if isinstance(frames, np.ndarray) else noise
         return out
 
 

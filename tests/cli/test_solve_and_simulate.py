@@ -58,6 +58,7 @@ def test_solve_hands_on_every_option(monkeypatch, meas):
         "register": True,
         "sequence": True,
         "device": None,
+        "backend": None,
         "reference": None,
         "peak": None,
         "uncertainty": False,
@@ -178,3 +179,18 @@ def test_consecutive_measurements_with_masks_of_their_own(here):
     assert done.exit_code == 0, done.output
     assert np.allclose(Result.load("one.npz").x, pnp_sci.api.solve(y[1], masks[1], iterations=4).x, atol=1e-5)
     assert "sequence is True" in fails(1, "solve", "film.npz", "--sequence", "--index", 1)
+
+
+@pytest.mark.parametrize("out", ["r.mat", "r.zarr"])
+def test_results_travel_from_the_command_line(meas, out):
+    pytest.importorskip("zarr")
+    words = "solve", meas, "--iterations", 3, "--out", out, "--fps", 5, "--white", "1,0.2"
+    for _ in range(2):  # the second replaces the first
+        done = run(*words, "--video", "r.tif")
+        assert done.exit_code == 0, done.output
+    result = Result.load(out)
+    assert np.array_equal(io.read("r.tif"), result.x)
+    film = run(*words, "--video", "r.gif")
+    assert f"Written: {out}, r.gif (5 frames per second)" in film.output
+    assert "one a view" in fails(2, *words[:-1], "dark")
+    assert "3" in fails(1, *words[:-1], "1,2,3", "--video", "r.gif")

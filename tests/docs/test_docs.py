@@ -68,6 +68,8 @@ PYTHON = [page for page in PAGES if any(language == "python" for language, *_ in
 @every(PYTHON)
 def test_blocks_run(page, tmp_path, monkeypatch):
     """All Python of a page, in order; on pages of the tutorials the commands between them too."""
+    if page.stem == "fleets":
+        pytest.importorskip("zarr")  # which needs Python 3.11
     whole = pnp_sci.datasets.embedded_scene
     monkeypatch.setattr(pnp_sci.datasets, "embedded_scene", lambda size=256: whole(min(size, SIZE)))
     for kind, registered in registry._registered.items():  # a page may register what other tests must not see

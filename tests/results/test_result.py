@@ -5,7 +5,6 @@ import numpy as np
 import pytest
 from made_result import make
 
-import pnp_sci
 from pnp_sci import io
 from pnp_sci.errors import FormatError, InputError
 from pnp_sci.plot import plot_history, plot_video
@@ -47,7 +46,7 @@ def test_white_is_the_peak_or_nearly_the_largest_value():
 
 
 @pytest.mark.parametrize("scale", [1e-30, 1.0, 1e30])
-def test_pictures_have_views_below_each_other_whatever_the_scale(tmp_path, scale):
+def test_export_puts_views_side_by_side_whatever_the_scale(tmp_path, scale):
     x = np.zeros((2, 3, 16, 12), np.float32)
     x[0, 1], x[1, 2] = scale, 0.5 * scale
     result = Result(x, Status.CONVERGED, History(), {})
@@ -56,83 +55,20 @@ def test_pictures_have_views_below_each_other_whatever_the_scale(tmp_path, scale
     assert sheet.shape == (32, 36)
     assert (sheet[:16, 12:24] == 255).all()
     assert (sheet[16:, 24:] == 128).all()
-    result.export(tmp_path / "r.png", white="view")
-    assert (imageio.v3.imread(tmp_path / "r.png")[16:, 24:] == 255).all()
-    result.export(tmp_path / "r.png", white=[2 * scale, scale])
-    sheet = imageio.v3.imread(tmp_path / "r.png")
-    assert (sheet[:16, 12:24] == 128).all()
-    assert (sheet[16:, 24:] == 128).all()
-    assert len(result.plot(white="view").axes) == 6
-
-
-def test_stacks_hold_values_with_views_as_channels(tmp_path):
-    import tifffile
-
-    result = make((4, 2, 3, 8, 6), settings={"peak": 0.5})
-    result.export(tmp_path / "r.tif", fps=50)
-    with tifffile.TiffFile(tmp_path / "r.tif") as file:
-        assert file.series[0].axes == "TCYX"
-        assert file.imagej_metadata["fps"] == 50
-        stack = file.asarray()
-    assert stack.dtype == np.float32
-    for n, (t, c) in ((2, (1, 1)), (0, (0, 0)), (3, (2, 1))):
-        np.testing.assert_array_equal(stack[3 * n + t, c], result.x[n, c, t])
-    np.testing.assert_array_equal(io.read_video(tmp_path / "r.tif"), np.concatenate(result.x, axis=1))
-
-
-@pytest.mark.parametrize("white", ["dark", [1.0, 2.0, 3.0], 0.0, -1, [[1.0]]])
-def test_white_that_cannot_be_used_is_refused(white, tmp_path):
-    with pytest.raises(InputError, match="white is"):
-        make().export(tmp_path / "r.png", white=white)
-
-
-def test_labelled_arrays():
-    result = make((4, 2, 3, 8, 6), uncertainty=np.ones((4, 2, 3, 8, 6), np.float32))
-    data = result.to_xarray(fps=10)
-    assert data.x.dims == ("measurement", "view", "frame", "row", "column")
-    np.testing.assert_array_equal(data.x, result.x)
-    np.testing.assert_array_equal(data.uncertainty, result.uncertainty)
-    np.testing.assert_allclose(data.time.values.ravel(), np.arange(12) / 10)
-    assert data.attrs["status"] == result.status.value
-    assert make().to_xarray().x.dims == ("view", "frame", "row", "column")
-
-
-def test_each_of_several_is_as_if_alone():
-    scene = pnp_sci.datasets.embedded_scene(32)
-    y = np.stack([scene.y, scene.y[:, ::-1], 2 * scene.y])
-    every = pnp_sci.solve(y, scene.masks, iterations=5, uncertainty=True)
-    for n, own in enumerate(every):
-        alone = pnp_sci.solve(y[n], scene.masks, iterations=5, uncertainty=True)
-        np.testing.assert_array_equal(own.x, alone.x)
-        np.testing.assert_array_equal(own.uncertainty, alone.uncertainty)
-        assert (own.status, own.scenes) == (alone.status, alone.scenes)
-        np.testing.assert_array_equal(own.history["residual"], alone.history["residual"])
-        for name in ("plan", "noise", "unit", "status", "share"):
-            assert own.settings[name] == alone.settings[name]
-        assert "measurement" not in str(own)
-    np.testing.assert_array_equal(every[-1].x, every.x[2])
-    assert [record.measurement for record in every[1:].history] == [0] * 6 + [1] * 6
-    assert len(every) == 3
-    for wrong in (3, -4, "x"):
-        with pytest.raises(InputError, match="index is"):
-            every[wrong]
-    with pytest.raises(InputError, match="one measurement alone"):
-        every[0][0]
-
-
-def test_a_part_of_a_sequence_has_its_window():
-    scene = pnp_sci.datasets.embedded_scene(32)
-    every = pnp_sci.solve(np.stack([scene.y] * 4), scene.masks, iterations=5, sequence=3)
-    for own, window in zip(every, (0, 0, 2, 2)):
-        assert len(own.settings["plan"]) == 1
-        expected = [r.residual for r in every.history if r.measurement == window]
-        np.testing.assert_array_equal(own.history["residual"], expected)
 
 
 @pytest.mark.parametrize("suffix", ["mp4", "avi", "gif"])
 def test_export_makes_films(tmp_path, suffix):
     make((2, 3, 32, 24)).export(tmp_path / f"r.{suffix}", fps=5)
     assert io.read(tmp_path / f"r.{suffix}").shape == (3, 32, 48)
+
+
+def test_several_measurements_follow_one_another(tmp_path):
+    result = make((4, 2, 3, 8, 6), settings={"peak": 1.0})
+    result.export(tmp_path / "r.tif")
+    stack = io.read(tmp_path / "r.tif")
+    assert stack.shape == (2, 12, 8, 6)
+    assert np.array_equal(stack[1, 3 * 2 + 1], result.x[2, 1, 1])
 
 
 def test_export_to_another_format_is_refused(tmp_path):

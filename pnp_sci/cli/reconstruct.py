@@ -1,0 +1,106 @@
+"""The command ``pnp-sci reconstruct``."""
+
+from __future__ import annotations
+
+import logging
+from collections.abc import Iterator
+from contextlib import contextmanager
+from pathlib import Path
+from typing import Any
+
+import click
+
+from pnp_sci.cli.inputs import (
+    FILE,
+    FOLDER,
+    POSITIVE,
+    Command,
+    bad_pixels,
+    camera,
+    camera_options,
+    interactive,
+    pairs,
+    stages,
+)
+
+
+@click.command(cls=Command)
+@click.argument("source", type=FILE, nargs=-1, required=True)
+@click.option("--masks", "masks_file", type=FILE, required=True, help="File with the masks.")
+@click.option("--out", type=FOLDER, default=Path("video.zarr"), show_default=True, help="Folder for the result.")
+@click.option("--key", help="Name of the measurements in their file, where it cannot be told.")
+@click.option("--masks-key", help="Name of the masks in their file, where it cannot be told.")
+@click.option("--views", type=click.IntRange(min=1), help="How many views share the planes of the masks.")
+@click.option("--workers", type=click.IntRange(min=1), help="Processes on this computer.  [default: one a core]")
+@click.option("--scheduler", metavar="ADDRESS", help="Solve on the cluster of this dask scheduler, not here.")
+@click.option("--preview", metavar="NAME", help="First quick results of all, by ofanet-fast, tv or another one.")
+@click.option("--sequence", type=click.IntRange(min=1), help="So many consecutive measurements are one video.")
+@click.option("--prior", default="tv", show_default=True, help="One of `pnp-sci priors`, a+b, or stages a:60,b:20.")
+@click.option("--algorithm", default="gap", show_default=True, help="gap, plain-gap or admm.")
+@click.option("--init", default="auto", show_default=True, help="First estimate; auto: a network's for learned priors.")
+@click.option("--effort", default="balanced", show_default=True, help="fast, balanced or best.")
+@click.option("--iterations", type=click.IntRange(min=1), help="At most so many.")
+@camera_options
+@click.option("--register", is_flag=True, help="Move the masks to where each measurement has them.")
+@click.option("--time-budget", type=POSITIVE, help="Seconds for each chunk; results then vary from run to run.")
+@click.option("--device", help="For priors that are networks, such as cuda.")
+@click.option("--threads", type=click.IntRange(min=1), help="Of each process.  [default: cores / workers]")
+@click.option("--uncertainty", is_flag=True, help="Predict the error of each pixel: twice the time.")
+@click.option("--seed", default=0, show_default=True)
+@click.option("--option", "options", multiple=True, metavar="KEY=VALUE", help="Option of the prior; may be repeated.")
+def reconstruct(
+    source: tuple[Path, ...],
+    masks_file: Path,
+    out: Path,
+    masks_key: str | None,
+    views: int | None,
+    scheduler: str | None,
+    prior: str,
+    bad: str | None,
+    noise: str,
+    gain: float | None,
+    full_scale: float | None,
+    bits: int | None,
+    options: tuple[str, ...],
+    **settings: Any,
+) -> None:
+    """Recover the videos of many measurements from SOURCE, out of core.
+
+    SOURCE is a file (zarr, HDF5, NPY, TIFF stack), a folder of files, or several files. The same command goes on after
+    it was killed.
+    """
+    prior_options, staged = pairs(options), stages(prior)
+    sensor = camera(noise, gain, full_scale, bits)
+    import pnp_sci
+
+    with _told():
+        result = pnp_sci.reconstruct(
+            source[0] if len(source) == 1 else list(source),
+            pnp_sci.io.read_masks(masks_file, views, masks_key),
+            out,
+            scheduler,
+            prior=staged,
+            noise=sensor,
+            bad=bad_pixels(bad),
+            progress=interactive(),
+            **settings,
+            **prior_options,
+        )
+    click.echo(repr(result))
+    for row in [row for row in result.table() if row["error"]][:10]:
+        click.echo(f"Measurement {row['measurement']}: {row['error']}", err=True)
+    result.raise_for_status()
+
+
+@contextmanager
+def _told() -> Iterator[None]:
+    """Context in which estimates are shown."""
+    log, handler = logging.getLogger("pnp_sci.fleet"), logging.StreamHandler()
+    before = log.level
+    log.addHandler(handler)
+    log.setLevel(logging.INFO)
+    try:
+        yield
+    finally:
+        log.setLevel(before)
+        log.removeHandler(handler)

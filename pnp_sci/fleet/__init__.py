@@ -1,0 +1,1 @@
+"""Many measurements, out of core, on one computer or on a cluster."""

@@ -1,0 +1,140 @@
+"""What all chunks of a run share, and what tells one run from another."""
+
+from __future__ import annotations
+
+import hashlib
+import json
+from collections.abc import Iterator
+from dataclasses import dataclass, is_dataclass
+from functools import cached_property
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from pnp_sci.errors import InputError, InputTypeError
+from pnp_sci.fleet.source import Source
+from pnp_sci.pipeline.provenance import digest, versions
+from pnp_sci.sensing.operator import SensingOperator
+
+PLAIN = bool, int, float, str, type(None)
+ELSEWHERE = {  # options of solve that are not for many measurements: what serves instead
+    "callback": "a callback cannot be sent to other processes",
+    "reference": "compare with the truth afterwards, by pnp_sci.psnr",
+    "peak": "it belongs to reference, which cannot be given",
+}
+
+
+class Chunk(NamedTuple):
+    """Measurements `start` to `stop` - 1."""
+
+    start: int
+    stop: int
+
+
+@dataclass(frozen=True, eq=False)
+class Job:
+    """A run, as each worker gets it once.
+
+    Attributes
+    ----------
+    source : Source
+        Without its reader where the client reads.
+    masks : ndarray, (V, B, H, W)
+    options : dict
+        For :func:`pnp_sci.solve`.
+    sequence : int or None
+        How many consecutive measurements are reconstructed as one video.
+    preview : str or None
+        Method of the quick results that come first.
+    settings : dict
+        All that determines the result, as JSON can hold it.
+    store : str
+        Folder of the result.
+    """
+
+    source: Source
+    masks: np.ndarray
+    options: dict[str, Any]
+    sequence: int | None
+    preview: str | None
+    settings: dict[str, Any]
+    store: str
+
+    @property
+    def name(self) -> str:
+        """The name of the run on the workers."""
+        return f"pnp-sci {self.store}"
+
+    @cached_property
+    def fingerprint(self) -> str:
+        """SHA-256 of the settings."""
+        return hashlib.sha256(json.dumps(self.settings, sort_keys=True).encode()).hexdigest()
+
+    @property
+    def size(self) -> int:
+        """Measurements per chunk."""
+        return self.sequence or 1
+
+    def chunk(self, start: int) -> Chunk:
+        """The chunk that begins with this measurement."""
+        return Chunk(int(start), min(int(start) + self.size, self.source.count))
+
+    def chunks(self) -> Iterator[Chunk]:
+        """All chunks in order."""
+        return map(self.chunk, range(0, self.source.count, self.size))
+
+    def around(self, chunk: Chunk, preview: bool = False) -> Chunk:
+        """What must be read to solve a chunk: of a sequence also its neighbours."""
+        beside = 1 if self.sequence and not preview else 0
+        return Chunk(max(chunk.start - beside, 0), min(chunk.stop + beside, self.source.count))
+
+
+def settings_of(source: Source, masks: np.ndarray, sequence: int | None, options: dict[str, Any]) -> dict[str, Any]:
+    """All that determines the result but the values of the measurements; the number of threads does not."""
+    return {
+        "measurements": source.count,
+        "size": list(source.shape),
+        "dtype": str(np.dtype(np.float64 if source.dtype == np.float64 else np.float32)),
+        "masks": digest(masks),
+        "sequence": sequence,
+        "options": {name: plain(name, options[name]) for name in sorted(options) if name != "threads"},
+        "versions": dict(versions(False)),
+    }
+
+
+def check_options(options: dict[str, Any]) -> None:
+    """Raise an InputError for an option of solve that makes no sense for many measurements."""
+    for name, instead in ELSEWHERE.items():
+        if options.get(name) is not None:
+            raise InputError(f"{name} was given, which reconstruct does not take: {instead}")
+
+
+def plain(name: str, value: Any) -> Any:
+    """A value as JSON can hold it, the same in each process: arrays and weights by their SHA-256.
+
+    >>> plain("prior", ("tv", 3))
+    ['tv', 3]
+    """
+    if isinstance(value, PLAIN):
+        return value
+    if isinstance(value, np.generic):
+        return value.item()
+    if isinstance(value, (list, tuple)):
+        return [plain(name, item) for item in value]
+    if isinstance(value, dict):
+        return {str(key): plain(name, item) for key, item in value.items()}
+    if isinstance(value, SensingOperator):
+        return digest(value.masks)
+    if hasattr(value, "__array__") and hasattr(value, "shape"):
+        return digest(np.asarray(value))
+    if hasattr(value, "state_dict"):  # a torch.nn.Module
+        return [_named(value), {key: digest(np.asarray(t.cpu())) for key, t in value.state_dict().items()}]
+    if is_dataclass(value) and not isinstance(value, type):
+        return [_named(value), plain(name, {field: getattr(value, field) for field in value.__dataclass_fields__})]
+    if hasattr(value, "__qualname__"):
+        return f"{value.__module__}.{value.__qualname__}"
+    raise InputTypeError(f"{name} is {value!r}: a name, a number, an array, a dataclass or a function was expected")
+
+
+def _named(value: Any) -> str:
+    return f"{type(value).__module__}.{type(value).__qualname__}"

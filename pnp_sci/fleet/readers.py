@@ -1,0 +1,196 @@
+"""Formats that are read in parts. For each: an array-like that knows its shape and dtype, and a reader of its parts."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping
+from contextlib import contextmanager
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from pnp_sci._optional import needed_for
+from pnp_sci.errors import FormatError
+from pnp_sci.formats.hdf5 import h5py
+
+NAMES = ("meas", "y", "measurement")  # of measurements, where a file has several arrays
+
+
+class Head(NamedTuple):
+    """What is known of an array before it is read."""
+
+    shape: tuple[int, ...]
+    dtype: np.dtype
+
+
+def part(array: Any, start: int, stop: int) -> np.ndarray:
+    """Measurements `start` to `stop` - 1 of an array-like (N, H, W) or (H, W), as (n, H, W)."""
+    return np.asarray(array[start:stop]) if len(array.shape) == 3 else np.asarray(array[...])[None]
+
+
+@dataclass(frozen=True, eq=False)
+class Whole:
+    """Reader of an array-like."""
+
+    array: Any
+
+    def __call__(self, start: int, stop: int) -> np.ndarray:
+        """Measurements `start` to `stop` - 1, (n, H, W)."""
+        return part(self.array, start, stop)
+
+
+@dataclass(frozen=True)
+class NPY:
+    """Reader of a file that is mapped into memory."""
+
+    path: Path
+
+    def __call__(self, start: int, stop: int) -> np.ndarray:
+        """Measurements `start` to `stop` - 1, (n, H, W)."""
+        return np.array(part(np.load(self.path, mmap_mode="r", allow_pickle=False), start, stop))
+
+
+def npy(path: Path, key: str | None) -> tuple[Head, NPY]:
+    """An NPY file."""
+    array = np.load(path, mmap_mode="r", allow_pickle=False)
+    return Head(array.shape, array.dtype), NPY(path)
+
+
+@dataclass(frozen=True)
+class HDF5:
+    """Reader of a dataset."""
+
+    path: Path
+    key: str
+
+    def __call__(self, start: int, stop: int) -> np.ndarray:
+        """Measurements `start` to `stop` - 1, (n, H, W)."""
+        with h5py().File(self.path, "r") as file:
+            return part(file[self.key], start, stop)
+
+
+def hdf5(path: Path, key: str | None) -> tuple[Head, HDF5]:
+    """A dataset of an HDF5 file."""
+    with h5py().File(path, "r") as file:
+        found: dict[str, Head] = {}
+        file.visititems(lambda name, item: found.update(_head(name, item)))
+        name = chosen(path, found, key)
+    return found[name], HDF5(path, name)
+
+
+def of_hdf5(source: Any) -> tuple[Path, str] | None:
+    """File and name of an open dataset; None of anything else."""
+    if type(source).__module__.partition(".")[0] != "h5py" or not hasattr(source, "file"):
+        return None
+    return Path(source.file.filename).resolve(), source.name.lstrip("/")
+
+
+@dataclass(frozen=True)
+class Zarr:
+    """Reader of an array in a folder."""
+
+    path: Path
+    key: str
+
+    def __call__(self, start: int, stop: int) -> np.ndarray:
+        """Measurements `start` to `stop` - 1, (n, H, W)."""
+        return part(zarr().open_array(self.path, path=self.key, mode="r"), start, stop)
+
+
+def in_zarr(path: Path, key: str | None) -> tuple[Head, Zarr]:
+    """An array in zarr's folder, itself or in a group."""
+    node = zarr().open(path, mode="r")
+    if not hasattr(node, "array_keys"):
+        return Head(node.shape, node.dtype), Zarr(path, "")
+    found = dict(
+        pair
+        for name, item in sorted(node.members(max_depth=None), key=lambda member: member[0])
+        for pair in _head(name, item).items()
+    )
+    name = chosen(path, found, key)
+    return found[name], Zarr(path, name)
+
+
+def is_zarr(path: Path) -> bool:
+    """Whether a folder is an array or a group of zarr."""
+    return any((path / name).is_file() for name in ("zarr.json", ".zarray", ".zgroup"))
+
+
+def is_stored(array: Any) -> bool:
+    """Whether an array-like carries the address of its values, not the values: it can be sent to a worker."""
+    store = getattr(getattr(array, "store_path", None), "store", None)
+    return type(store).__name__ in ("LocalStore", "FsspecStore", "ObjectStore", "ZipStore")
+
+
+def zarr() -> Any:
+    """The package, or an error that names the extra."""
+    with needed_for("a fleet of measurements", "cluster"):
+        import zarr
+    return zarr
+
+
+@dataclass(frozen=True)
+class TIFF:
+    """Reader of the pages of a stack."""
+
+    path: Path
+
+    def __call__(self, start: int, stop: int) -> np.ndarray:
+        """Measurements `start` to `stop` - 1, (n, H, W)."""
+        with _pages(self.path) as pages:
+            return part(pages, start, stop) if hasattr(pages, "shape") else _stack(pages[start:stop])
+
+
+def tiff(path: Path, key: str | None) -> tuple[Head, TIFF]:
+    """The pages of a TIFF."""
+    with _pages(path) as pages:
+        if hasattr(pages, "shape"):
+            return Head(pages.shape, pages.dtype), TIFF(path)
+        if len({(page.shape, page.dtype) for page in pages}) > 1 or len(pages[0].shape) != 2:
+            raise FormatError(f"{path}: grey pictures of one size were expected")
+        return Head((len(pages), *pages[0].shape), pages[0].dtype), TIFF(path)
+
+
+def _stack(pages: Any) -> np.ndarray:
+    return np.stack([page.asarray() for page in pages])
+
+
+@contextmanager
+def _pages(path: Path) -> Iterator[Any]:
+    """Context with the pages of a TIFF, or with an array (N, H, W) if their values lie one after the other."""
+    import tifffile
+
+    with tifffile.TiffFile(path) as file:
+        series = file.series[0]
+        if len(file.series) > 1:  # pages written one by one
+            yield list(file.pages)
+        elif series.dataoffset is None:  # packed, or in several files
+            yield list(series.pages)
+        else:
+            stack = tifffile.memmap(path, mode="r")
+            yield stack.reshape(-1, *stack.shape[-2:])
+
+
+IN_PARTS = {
+    ".npy": npy,
+    ".zarr": in_zarr,
+    **dict.fromkeys((".h5", ".hdf5"), hdf5),
+    **dict.fromkeys((".tif", ".tiff"), tiff),
+}
+
+
+def chosen(path: Path, arrays: Mapping[str, Head], key: str | None) -> str:
+    """The name of the array that is meant."""
+    names = [key] if key is not None else [name for name in NAMES if name in arrays] or list(arrays)
+    if len(names) != 1 or names[0] not in arrays:
+        said = ", ".join(f"{name} {head.shape}" for name, head in arrays.items()) or "none"
+        raise FormatError(f"{path}: key is {key!r}, the arrays are {said}: the name of one was expected")
+    return names[0]
+
+
+def _head(name: str, item: Any) -> dict[str, Head]:
+    """An array of numbers by its name; nothing of a group or of texts."""
+    if getattr(item, "shape", None) and getattr(item.dtype, "kind", "") in "biuf":
+        return {name: Head(tuple(item.shape), item.dtype)}
+    return {}

@@ -1,0 +1,194 @@
+"""``reconstruct``: any number of measurements, from disk to disk."""
+
+from __future__ import annotations
+
+import inspect
+import logging
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from tqdm.auto import tqdm
+
+from pnp_sci._validate import instance, whole
+from pnp_sci.api import solve
+from pnp_sci.fleet import store
+from pnp_sci.fleet.estimate import Estimate, free_bytes
+from pnp_sci.fleet.job import Chunk, Job, check_options, settings_of
+from pnp_sci.fleet.reconstruction import Reconstruction
+from pnp_sci.fleet.source import Source, open_source
+from pnp_sci.masks import as_masks
+from pnp_sci.pipeline.provenance import digest
+from pnp_sci.pipeline.request import check_request
+from pnp_sci.plugins import registry
+from pnp_sci.sensing.operator import SensingOperator
+from pnp_sci.sensing.problem import check_bad, check_operator
+
+_log = logging.getLogger("pnp_sci.fleet")
+
+
+def reconstruct(
+    source: Any,
+    masks: Any,
+    out: str | Path = "video.zarr",
+    client: Any = None,
+    *,
+    key: str | None = None,
+    workers: int | None = None,
+    sequence: int | None = None,
+    preview: str | None = None,
+    progress: bool = False,
+    **options: Any,
+) -> Reconstruction:
+    """Recover the videos of any number of measurements, out of core and on several processes or computers.
+
+    A call that was killed is repeated as it was: what is done stays, and the result is bit for bit the same.
+
+    Parameters
+    ----------
+    source : path, sequence of paths, or array-like (N, H, W)
+        The measurements: a zarr array, HDF5, NPY, a TIFF stack, a folder or a list of files, or an array. Only what a
+        chunk needs is read.
+    masks : array_like, (V, B, H, W) or (B, H, W), or SensingOperator
+        As for :func:`pnp_sci.solve`.
+    out : path
+        Folder for the result, OME-Zarr 0.5. Workers must see it under the same path.
+    client : None, str or distributed.Client
+        Where to solve: in processes of this computer, on the cluster of a scheduler's address, or of a client.
+    key : str, optional
+        Name of the measurements in a file or group with several arrays.
+    workers : int, optional
+        Processes on this computer. By default one for each physical core, if memory suffices.
+    sequence : int, optional
+        Reconstruct so many consecutive measurements as one video.
+    preview : str, optional
+        A decoder or a prior, such as "ofanet-fast" or "tv": first write its quick results of all measurements.
+    progress : bool
+        Whether to show a progress bar.
+    **options
+        For :func:`pnp_sci.solve`. `threads` are those of each process.
+
+    Returns
+    -------
+    Reconstruction
+        A measurement that cannot be solved is recorded with its error, and does not stop the others.
+
+    Raises
+    ------
+    InputError, InputTypeError, FormatError
+        If an argument cannot be used, `out` holds a result of other settings, or its disk lacks room.
+    MissingExtraError
+        If the extra "cluster" is not installed.
+
+    Examples
+    --------
+    >>> import pnp_sci
+    >>> videos = pnp_sci.reconstruct("capture.npy", masks, "videos.zarr", prior="tv")  # doctest: +SKIP
+    >>> videos.video(0).shape, videos.status  # doctest: +SKIP
+    ((1, 8, 128, 128), '200 measurements: 200 the iterates stopped changing')
+    """
+    from pnp_sci.fleet.cluster import check_client, cores, workers_of
+
+    store.readers.zarr()
+    check_client(client)
+    sequence = None if sequence is None else whole("sequence", sequence, 1)
+    workers = cores() if workers is None else whole("workers", workers, 1)
+    instance("progress", progress, bool)
+    opened, planes = open_source(source, key), as_masks(masks.masks if isinstance(masks, SensingOperator) else masks)
+    _check(opened, planes, preview, options)
+    settings, path = settings_of(opened, planes, sequence, options), Path(out).resolve()
+    if path.exists():
+        store.check_same(path, settings)
+        store.sweep(path)
+    else:
+        store.create(path, planes, settings, uncertainty=bool(options.get("uncertainty")))
+    job = Job(opened, planes, options, sequence, preview, settings, str(path))
+    missing = _missing(job)
+    if len(missing):
+        most = min(workers, len(missing)) if client is None else workers
+        options.setdefault("threads", max(1, cores() // most) if client is None else 1)
+        with workers_of(client, job, most) as team:
+            _run(team, job, missing, progress)
+    return Reconstruction(path)
+
+
+def _check(source: Source, masks: np.ndarray, preview: Any, options: dict[str, Any]) -> None:
+    """Raise the errors of the arguments that no measurement is needed for."""
+    check_options(options)
+    instance("preview", preview, str)
+    if preview is not None and preview not in registry.available("decoders"):
+        registry.load("priors", preview)
+    blank = np.zeros((1, *source.shape), np.float64 if source.dtype == np.float64 else np.float32)
+    check_bad(options.get("bad"), blank)
+    given = inspect.signature(solve).bind(blank, masks, **options)
+    given.apply_defaults()
+    known = inspect.signature(check_request).parameters
+    asked = {name: value for name, value in given.arguments.items() if name in known}
+    check_request(check_operator(masks, blank)[0], 1, **asked)
+
+
+def _missing(job: Job, method: str | None = "solve") -> np.ndarray:
+    """Where the chunks begin that have no result of this method, None: of no method, from these measurements."""
+    return np.fromiter((chunk.start for chunk in job.chunks() if not _done(job, chunk, method)), np.int64)
+
+
+def _done(job: Job, chunk: Chunk, method: str | None) -> bool:
+    records = [store.record(Path(job.store), n) for n in range(*chunk)]
+    for record in records:
+        if record is None or record["error"] or record["settings"] != job.fingerprint:
+            return False
+        if method is not None and record["method"] != method:
+            return False
+    return [digest(y) for y in job.source.read(*chunk)] == [record["y"] for record in records if record]
+
+
+def _run(team: Any, job: Job, missing: np.ndarray, progress: bool) -> None:
+    """Solve what is missing: one chunk to estimate the rest, previews if asked for, then all."""
+    count, out = sum(chunk.stop - chunk.start for chunk in map(job.chunk, missing)), Path(job.store)
+    with tqdm(total=count, unit="measurement", disable=not progress) as bar:
+        taken: dict[str, Any] = {}
+
+        def done(chunk: Chunk, facts: dict[str, Any]) -> None:
+            taken.update(facts)
+            bar.update(chunk.stop - chunk.start)
+
+        first = 0
+        while first < len(missing) and "memory" not in taken:  # a chunk that fails tells nothing
+            team.run([job.chunk(missing[first])], done, measure=True)
+            first += 1
+        rest = missing[first:]
+        if "memory" in taken and len(rest):
+            team.fit(taken["memory"])
+            estimate = _estimate(team, job, job.chunk(missing[first - 1]), rest, taken)
+            _log.info("%s", estimate)
+            estimate.check(out)
+        if job.preview and len(rest):
+            _preview(team, job, rest, progress)
+        team.run(_chunks(job, rest), done)
+
+
+def _preview(team: Any, job: Job, starts: np.ndarray, progress: bool) -> None:
+    """Quick results of the chunks that have none."""
+    chunks = (chunk for chunk in _chunks(job, starts) if not _done(job, chunk, None))
+    with tqdm(desc=f"preview by {job.preview}", unit="measurement", disable=not progress) as bar:
+        team.run(chunks, lambda chunk, facts: bar.update(chunk.stop - chunk.start), preview=True)
+
+
+def _chunks(job: Job, starts: np.ndarray) -> Iterator[Chunk]:
+    return map(job.chunk, starts)
+
+
+def _estimate(team: Any, job: Job, first: Chunk, rest: np.ndarray, taken: dict[str, Any]) -> Estimate:
+    """What the chunks that are left take, if each is like the first; a preview is written over."""
+    out, arrays = Path(job.store), (store.VIDEO, store.ERRORS)
+    left = sum(chunk.stop - chunk.start for chunk in _chunks(job, rest))
+    disk = sum(store.stored_bytes(out, n, arrays) for n in range(*first)) / (first.stop - first.start) * left
+    return Estimate(
+        left,
+        team.size,
+        taken["seconds"] * len(rest) / team.size,
+        taken["memory"] * (team.size if team.local is not None else 1),
+        disk,
+        free_bytes(out),
+    )

@@ -1,0 +1,136 @@
+"""What a worker does: read a chunk, solve it, write the videos and then the records."""
+
+from __future__ import annotations
+
+import logging
+import sys
+import threading
+import time
+from collections.abc import Iterator
+from contextlib import contextmanager
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from pnp_sci._optional import needed_for
+from pnp_sci.api import decode, solve
+from pnp_sci.fleet import store
+from pnp_sci.fleet.job import Chunk, Job
+from pnp_sci.pipeline.provenance import digest
+from pnp_sci.plugins.registry import available
+from pnp_sci.results.result import Result
+
+with needed_for("a fleet of measurements", "cluster"):
+    import psutil
+    from distributed import WorkerPlugin, get_worker
+
+_log = logging.getLogger("pnp_sci")
+QUICK = ("noise", "bad", "scene", "device", "seed", "threads")  # options that a preview has too
+
+
+class Carrier(WorkerPlugin):
+    """Brings a job to each worker once, also to those that start later."""
+
+    def __init__(self, job: Job):
+        self.job, self.name = job, job.name
+
+    def setup(self, worker: Any) -> None:
+        """Leave warnings to the records, if the process has no other purpose."""
+        if worker.nanny:
+            _log.propagate = False
+
+
+def solve_chunk(job_name: str, chunk: Chunk, y: np.ndarray | None, preview: bool, measure: bool) -> dict[str, Any]:
+    """Solve a chunk of a job and write it; `y` is what must be read for it, if the worker cannot.
+
+    Returns
+    -------
+    dict
+        "errors", the number of measurements that failed, and if `measure`, "seconds" and "memory" in bytes, both
+        without what only the first chunk of a process takes.
+    """
+    carrier: Any = get_worker().plugins[job_name]
+    job: Job = carrier.job
+    path, facts = Path(job.store), {"settings": job.fingerprint, "method": job.preview if preview else "solve"}
+    began = time.perf_counter()
+    with _heard() as warnings:
+        try:
+            around = job.around(chunk, preview)
+            y = job.source.read(*around) if y is None else y
+            if measure:
+                _reconstruct(job, y, preview, iterations=1)  # kernels and weights are loaded
+                began = time.perf_counter()
+            result = _reconstruct(job, y, preview)
+        except Exception as error:
+            put_failures(path, chunk, facts, error)
+            return {"errors": chunk.stop - chunk.start}
+    inside = slice(chunk.start - around.start, chunk.stop - around.start)
+    store.put_videos(path, chunk.start, result.x[inside])
+    if result.uncertainty is not None:
+        store.put_videos(path, chunk.start, result.uncertainty[inside], store.ERRORS)
+    if measure:
+        store.show_white(path, result.white)
+    seconds = time.perf_counter() - began
+    each = facts | {"seconds": seconds / len(result.x[inside]), "warnings": warnings, "result": result.settings}
+    for n in range(chunk.start, chunk.stop):
+        store.put_record(path, n, {"measurement": n} | _said(result, y, n - around.start) | each)
+    return {"errors": 0, "seconds": seconds, "memory": peak_memory()}
+
+
+def _reconstruct(job: Job, y: np.ndarray, preview: bool, **more: Any) -> Result:
+    """The videos (n, V, B, H, W) of measurements y (n, H, W)."""
+    if preview:
+        quick = {name: value for name, value in job.options.items() if name in QUICK}
+        if job.preview in available("decoders"):
+            quick = {name: quick[name] for name in QUICK[:4] if name in quick}
+            return decode(y, job.masks, job.preview, **quick)
+        return solve(y, job.masks, job.preview, effort="fast", **quick | more)
+    together: dict[str, Any] = {"sequence": True} if job.sequence else {}
+    return solve(y, job.masks, **(job.options | together | more))
+
+
+def _said(result: Result, y: np.ndarray, n: int) -> dict[str, Any]:
+    """What a result says of its n-th measurement."""
+    last = [record for record in result.history if record.measurement <= n][-1:]  # of a sequence, that of its window
+    scene = result.scenes[n] if n < len(result.scenes) else {}
+    return {
+        "y": digest(y[n]),
+        "status": result.status.value,
+        "ok": result.status.ok,
+        "iterations": last[0].iteration if last else None,
+        "residual": last[0].residual if last else None,
+        "remarks": scene.get("remarks", []),
+        "scene": scene,
+        "error": None,
+    }
+
+
+def put_failures(path: Path, chunk: Chunk, facts: dict[str, Any], error: BaseException) -> None:
+    """Record that the measurements of a chunk failed."""
+    text = " ".join(f"{type(error).__name__}: {error}".split())
+    said = {"status": f"failed: {text}", "ok": False, "error": text, "seconds": None, "remarks": [], "warnings": []}
+    for n in range(chunk.start, chunk.stop):
+        store.put_record(path, n, {"measurement": n} | facts | said)
+
+
+@contextmanager
+def _heard() -> Iterator[list[str]]:
+    """Context with the list of what this thread logs as warnings of this package."""
+    texts, thread = [], threading.get_ident()
+    handler = logging.Handler(logging.WARNING)
+    handler.emit = lambda record: texts.append(record.getMessage()) if record.thread == thread else None
+    _log.addHandler(handler)
+    try:
+        yield texts
+    finally:
+        _log.removeHandler(handler)
+
+
+def peak_memory() -> int:
+    """Largest memory of this process so far, in bytes."""
+    try:
+        import resource
+    except ImportError:  # Windows
+        return psutil.Process().memory_info().rss
+    return resource.getrusage(resource.RUSAGE_SELF).ru_maxrss * (1 if sys.platform == "darwin" else 1024)

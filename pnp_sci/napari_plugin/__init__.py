@@ -1,0 +1,1 @@
+"""The viewer napari: opens results, and solves measurements. The manifest is ``napari.yaml``."""

@@ -1,0 +1,1 @@
+"""What priors do on tensors of torch; each module imports torch."""

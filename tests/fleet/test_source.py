@@ -1,0 +1,162 @@
+"""What may be a source, and that only what is asked for is read."""
+
+import numpy as np
+import pytest
+from small import capture
+
+from pnp_sci import io
+from pnp_sci.errors import FormatError, InputError, InputTypeError
+from pnp_sci.fleet.source import open_source
+
+Y = capture()[0]
+
+
+def as_npy(folder):
+    np.save(folder / "y.npy", Y)
+    return folder / "y.npy"
+
+
+def as_memmap(folder):
+    return np.load(as_npy(folder), mmap_mode="r")
+
+
+def as_hdf5(folder):
+    pytest.importorskip("h5py")
+    io.write(folder / "y.h5", {"meas": Y, "masks": Y[:2]})
+    return folder / "y.h5"
+
+
+def as_dataset(folder):
+    h5py = pytest.importorskip("h5py")
+    return h5py.File(as_hdf5(folder), "r")["meas"]
+
+
+def as_zarr(folder):
+    zarr = pytest.importorskip("zarr")
+    zarr.save_array(folder / "y.zarr", Y)
+    return folder / "y.zarr"
+
+
+def as_zarr_group(folder):
+    zarr = pytest.importorskip("zarr")
+    zarr.create_group(folder / "g.zarr").create_array("raw/y", data=Y)
+    return folder / "g.zarr"
+
+
+def as_zarr_array(folder):
+    return pytest.importorskip("zarr").open_array(as_zarr(folder))
+
+
+def as_stack(folder):
+    io.write(folder / "y.tif", Y)
+    return folder / "y.tif"
+
+
+def as_packed_stack(folder):
+    pytest.importorskip("tifffile").imwrite(folder / "y.tif", Y, compression="zlib")
+    return folder / "y.tif"
+
+
+def as_pages(folder):
+    tifffile = pytest.importorskip("tifffile")
+    with tifffile.TiffWriter(folder / "y.tif") as file:
+        for picture in Y:
+            file.write(picture)
+    return folder / "y.tif"
+
+
+def as_folder(folder):
+    for n, picture in enumerate(Y):
+        io.write(folder / f"picture_{n + 8}.png", picture)  # 9 comes before 10
+    return folder
+
+
+def as_files(folder):
+    np.save(folder / "first.npy", Y[:2])
+    io.write(folder / "then.tif", Y[2:4])
+    io.write(folder / "last.npz", {"y": Y[4]})
+    return [folder / "first.npy", str(folder / "then.tif"), folder / "last.npz"]
+
+
+def as_array(folder):
+    return Y
+
+
+SOURCES = [
+    as_npy, as_memmap, as_hdf5, as_dataset, as_zarr, as_zarr_group, as_zarr_array, as_stack, as_packed_stack, as_pages,
+    as_folder, as_files, as_array,
+]  # fmt: skip
+
+
+@pytest.mark.parametrize("made", SOURCES)
+def test_any_part_of_any_source(made, tmp_path):
+    source = open_source(made(tmp_path))
+    assert (source.count, source.shape, source.dtype) == (len(Y), Y.shape[1:], Y.dtype)
+    for start, stop in ((0, 5), (1, 4), (2, 3), (4, 5)):
+        np.testing.assert_array_equal(source.read(start, stop), Y[start:stop])
+    assert source.travels == (made is not as_array)
+
+
+def test_one_picture_is_one_measurement(tmp_path):
+    io.write(tmp_path / "one.png", Y[0])
+    for source in (Y[0], tmp_path / "one.png"):
+        np.testing.assert_array_equal(open_source(source).read(0, 1), Y[:1])
+
+
+def test_a_part_of_a_mapped_file_is_that_part(tmp_path):
+    part = as_memmap(tmp_path)[1:3]
+    np.testing.assert_array_equal(open_source(part).read(0, 2), Y[1:3])
+
+
+class Counting:
+    """An array that counts what is read."""
+
+    shape, dtype = Y.shape, Y.dtype
+
+    def __init__(self):
+        self.read = 0
+
+    def __getitem__(self, part):
+        self.read += len(Y[part])
+        return Y[part]
+
+
+def test_only_what_is_asked_for_is_read():
+    counting = Counting()
+    source = open_source(counting)
+    assert counting.read == 0
+    source.read(1, 3)
+    assert counting.read == 2
+
+
+def test_a_damaged_file_among_others_is_met_in_its_turn(tmp_path):
+    files = as_files(tmp_path)
+    files[1] = tmp_path / "damaged.png"
+    files[1].write_bytes(b"no picture")
+    source = open_source(files)
+    assert source.count == 4
+    np.testing.assert_array_equal(source.read(3, 4), Y[4:])
+    with pytest.raises(FormatError, match="damaged"):
+        source.read(2, 3)
+
+
+def test_what_is_no_source_is_named(tmp_path):
+    with pytest.raises(FileNotFoundError, match=r"missing\.npy"):
+        open_source(tmp_path / "missing.npy")
+    with pytest.raises(FormatError, match="no files"):
+        open_source(tmp_path)
+    with pytest.raises(InputError, match=r"source has shape \(3,\)"):
+        open_source(np.ones(3))
+    with pytest.raises(InputTypeError, match="source has dtype complex"):
+        open_source(np.ones((2, 3, 3), complex))
+    np.save(tmp_path / "a.npy", Y)
+    np.save(tmp_path / "b.npy", Y[:, 1:])
+    with pytest.raises(InputError, match=r"b\.npy has pictures of \(23, 24\)"):
+        open_source(tmp_path)
+    zarr = pytest.importorskip("zarr")
+    group = zarr.create_group(tmp_path / "two.zarr")
+    for name in ("a", "b"):
+        group.create_array(name, data=Y)
+    with pytest.raises(FormatError, match=r"a \(5, 24, 24\), b"):
+        open_source(tmp_path / "two.zarr")
+    np.testing.assert_array_equal(open_source(tmp_path / "two.zarr", "b").read(0, 1), Y[:1])
