@@ -22,6 +22,7 @@ from .masks import random_masks as random_masks
 from .metrics import psnr as psnr
 from .metrics import ssim as ssim
 from .papers import citations as citations
+from .plugins.mosaic import Mosaicked as Mosaicked
 from .plugins.protocols import Decoder as Decoder
 from .plugins.protocols import Prior as Prior
 from .plugins.protocols import Session as Session
@@ -35,6 +36,8 @@ from .results.history import History as History
 from .results.history import Record as Record
 from .results.history import Status as Status
 from .results.result import Result as Result
+from .sensing.mosaic import Mosaic as Mosaic
+from .sensing.mosaic import planes as planes
 from .sensing.noise import estimate_noise as estimate_noise
 from .sensing.operator import SensingOperator as SensingOperator
 from .sensing.operator import adjoint_mismatch as adjoint_mismatch
