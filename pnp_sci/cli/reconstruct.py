@@ -64,7 +64,7 @@ def reconstruct(
     options: tuple[str, ...],
     **settings: Any,
 ) -> None:
-    """Recover the videos of many measurements from SOURCE, out of core.
+    """Recover the videos of measurements from SOURCE on disk.
 
     SOURCE is a file (zarr, HDF5, NPY, TIFF stack), a folder of files, or several files. The same command goes on after
     it was killed.
