@@ -15,6 +15,7 @@ from pnp_sci.pipeline.measurement import counts, put
 from pnp_sci.pipeline.provenance import provenance
 from pnp_sci.pipeline.request import as_plain
 from pnp_sci.pipeline.solve import solve_all
+from pnp_sci.plugins.mosaic import decoded
 from pnp_sci.plugins.resolve import decoder_for
 from pnp_sci.results.history import History, Record, Status
 from pnp_sci.results.result import Result
@@ -52,6 +53,7 @@ def solve(
     register: bool | Registration = False,
     uncertainty: bool = False,
     sequence: bool | int = False,
+    mosaic: str | None = None,
     **prior_options: Any,
 ) -> Result:
     """Recover the video of every view from one coded picture.
@@ -93,13 +95,16 @@ def solve(
         Whether to predict the error of each pixel, `Result.uncertainty`. It takes a second solve.
     sequence : bool or int
         Whether measurements follow one another in time and are solved as one video; a number (>= 3): so many at once.
+    mosaic : "RGGB", "BGGR", "GRBG" or "GBRG", optional
+        The colour filters over the first pixels of two rows: y is raw, `x`, `init` and `reference` are in colour.
     **prior_options
         For the prior's constructor, such as ``strength=2.0``.
 
     Returns
     -------
     Result
-        `x` is (V, B, H, W) or (N, V, B, H, W), in units of y over those of the masks; a failure is a `Status`.
+        `x` is (V, B, H, W) or (N, V, B, H, W), in colour with a last axis of 3, in units of y over those of the masks;
+        a failure is a `Status`.
 
     Raises
     ------
@@ -117,7 +122,7 @@ def solve(
         prior=prior, prior_options=prior_options, init=init, algorithm=algorithm, effort=effort, scene=scene, bad=bad,
         iterations=iterations, noise=noise, sigma=sigma, tol=tol, time_budget=time_budget, callback=callback,
         progress=progress, device=device, backend=backend, threads=threads, seed=seed, register=register,
-        uncertainty=uncertainty, sequence=sequence,
+        uncertainty=uncertainty, sequence=sequence, mosaic=mosaic,
     ))  # fmt: skip
 
 
@@ -129,13 +134,14 @@ def decode(
     noise: float | str | Sensor = "auto",
     scene: str | SceneModel = "auto",
     bad: Any = None,
+    mosaic: str | None = None,
     **options: Any,
 ) -> Result:
     """Recover the video of every view with a network alone, without iterations.
 
     Parameters
     ----------
-    y, masks, noise, scene, bad
+    y, masks, noise, scene, bad, mosaic
         As for :func:`solve`.
     model : str, or callable (problem, scene)
         An installed decoder (``pnp-sci priors`` lists them), or an object that is one.
@@ -162,7 +168,7 @@ def decode(
     """
     began = time.perf_counter()
     decoder = decoder_for("model", model, options)
-    given = Input.of(y, masks, bad)
+    given = Input.of(y, masks, bad, mosaic)
     op, sensor = given.op, check_noise(noise)
     check_scene(scene, op)
     fits = given.check(sensor)
@@ -171,7 +177,7 @@ def decode(
     for n, problem in enumerate(given.problems(sensor, fits)):
         begun = time.perf_counter()
         chosen = choose_scene(scene if decoder.needs_scene else "full", problem)
-        x = shaped("what the decoder returns", decoder(problem, chosen), op.shape, op.dtype)
+        x = shaped("what the decoder returns", decoded(decoder, problem, chosen), op.shape, op.dtype)
         seconds = time.perf_counter() - begun
         put(x, videos[n], problem.unit)
         statuses.append(Status.DECODED if np.isfinite(x).all() else Status.NOT_FINITE)
@@ -181,12 +187,13 @@ def decode(
         problems.append(problem)
         at_rest = {"at_rest": [None] * op.shape[0]}
         scenes.append(given.found(chosen.describe(op) | at_rest | counts(problem), fits[n]))
+    videos = given.shown(videos)
     return Result(
         videos if np.ndim(y) == 3 else videos[0],
         Status.worst(statuses),
         History(records),
         {"model": model if isinstance(model, str) else repr(model), "model_options": as_plain(options)}
-        | {"statuses": [status.name for status in statuses]}
+        | {"mosaic": mosaic, "statuses": [status.name for status in statuses]}
         | provenance(y, masks, given.largest, problems, began),
         scenes,
     )

@@ -103,7 +103,7 @@ def read_masks(path: str | Path, views: int | None = None, key: str | None = Non
     return _in_views(Path(path), name, array, views)
 
 
-def read_video(path: str | Path, views: int | None = None, key: str | None = None) -> np.ndarray:
+def read_video(path: str | Path, views: int | None = None, key: str | None = None, colour: bool = False) -> np.ndarray:
     """Read a video (V, B, H, W), or those of several measurements (N, V, B, H, W), from a file; see :func:`read`.
 
     Parameters
@@ -115,12 +115,17 @@ def read_video(path: str | Path, views: int | None = None, key: str | None = Non
     key : str, optional
         Name of the array. By default ``patch_save``, ``orig``, ``pic``, ``x``, ``video`` or ``truth``, or the only
         array of the file.
+    colour : bool
+        Whether it is in colour, with another axis of 3 at the end; in MAT-files (H, W, 3, B, V).
 
     Raises
     ------
     FormatError
-        If the number of planes is not a multiple of `views`; other errors as for :func:`read`.
+        If the number of planes is not a multiple of `views`, or the video is not in colour; other errors as for
+        :func:`read`.
     """
+    if colour:
+        return _in_colour(Path(path), views, key)
     name, array = _find(Path(path), "video", key)
     if array.ndim == 5 and views in (None, array.shape[1]):
         return array
@@ -179,12 +184,12 @@ def write(path: str | Path, array: Any) -> None:
 
 
 def write_video(path: str | Path, frames: Any, fps: float = 10) -> None:
-    """Write frames (B, H, W) as MP4, AVI or GIF, for display.
+    """Write frames as MP4, AVI or GIF, for display.
 
     Parameters
     ----------
     path : path
-    frames : array_like, (B, H, W)
+    frames : array_like, (B, H, W), or in colour (B, H, W, 3)
         Floats are clipped to [0, 1] and scaled to 0..255; bool becomes 0 and 255; uint8 is unchanged.
     fps : float
         Frames per second, > 0.
@@ -267,6 +272,23 @@ def _in_views(path: Path, name: str, array: np.ndarray, views: int | None) -> np
             "was expected"
         )
     return planes.reshape(views, -1, *planes.shape[1:])
+
+
+def _in_colour(path: Path, views: int | None, key: str | None) -> np.ndarray:
+    """A colour video (V, B, H, W, 3), or those of several measurements."""
+    suffix = path.suffix.lower()
+    if suffix in _formats.VIDEO and path.is_file():
+        array = film.load_gif(path, True) if suffix == ".gif" else film.load(path, True)
+    else:
+        _, array = _find(path, "video", key)
+        array = np.moveaxis(array, -3, -1) if suffix in _formats.MAT and array.ndim > 3 else array
+    views = None if views is None else whole("views", views, 1)
+    if array.ndim not in (4, 5, 6) or array.shape[-1] != 3 or (array.ndim == 4 and len(array) % (views or 1)):
+        expected = f"(views, frames, rows, columns, 3), or frames for {views or 1} views, was expected"
+        raise FormatError(f"{path}: the video has shape {array.shape}: in colour, {expected}")
+    if array.ndim == 4 or (array.ndim == 5 and len(array) == 1 and views):
+        return array.reshape(views or 1, -1, *array.shape[-3:])
+    return array
 
 
 def _meaning(key: str, array: np.ndarray) -> str:

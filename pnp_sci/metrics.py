@@ -18,8 +18,8 @@ def psnr(x: Any, reference: Any, peak: float = 1.0) -> Any:
 
     Parameters
     ----------
-    x : array_like, (V, B, H, W), (B, H, W) or (H, W)
-        Estimate; clipped to [0, peak]. NaN gives NaN.
+    x : array_like, (V, B, H, W), (B, H, W), (H, W), or (V, B, H, W, 3) in colour
+        Estimate; clipped to [0, peak]. NaN gives NaN. The squared error of a colour frame is the mean over its colours.
     reference : array_like, same shape
         Values in [0, peak].
     peak : float
@@ -49,8 +49,8 @@ def ssim(x: Any, reference: Any, peak: float = 1.0) -> Any:
 
     Parameters
     ----------
-    x : array_like, (V, B, H, W), (B, H, W) or (H, W)
-        Estimate; clipped to [0, peak].
+    x : array_like, (V, B, H, W), (B, H, W), (H, W), or (V, B, H, W, 3) in colour
+        Estimate; clipped to [0, peak]. Of a colour frame it is the mean over its colours.
     reference : array_like, same shape
         Values in [0, peak].
     peak : float
@@ -86,19 +86,21 @@ def _per_view(score: Callable[[np.ndarray, np.ndarray], float], x: Any, referenc
     for name, array in (("x", x), ("reference", reference)):
         if array.dtype.kind not in "biuf":
             raise InputTypeError(f"{name} has dtype {array.dtype}: real numbers were expected")
-    if x.shape != reference.shape or x.ndim not in (2, 3, 4) or x.size == 0:
+    colour = x.ndim == 5 and x.shape[-1] == 3
+    if x.shape != reference.shape or not (x.ndim in (2, 3, 4) or colour) or x.size == 0:
         raise InputError(
-            f"x has shape {x.shape} and reference {reference.shape}: the same was expected, (V, B, H, W), (B, H, W) or "
-            "(H, W)"
+            f"x has shape {x.shape} and reference {reference.shape}: the same was expected, (V, B, H, W), (B, H, W), "
+            "(H, W), or (V, B, H, W, 3)"
         )
     if (peak := positive_number("peak", peak)) != 1:
         x, reference = x / peak, reference / peak
     if not (reference.min() >= -1e-6 and reference.max() <= 1 + 1e-6):
         spans = f"{reference.min() * peak:g} to {reference.max() * peak:g}"
         raise InputError(f"reference spans {spans}: values in [0, {peak:g}] were expected; peak= says what is white")
-    frames = zip(x.reshape(-1, *x.shape[-2:]), reference.reshape(-1, *x.shape[-2:]))
+    frame = x.shape[2:] if colour else x.shape[-2:]
+    frames = zip(x.reshape(-1, *frame), reference.reshape(-1, *frame))
     values = np.array([score(np.clip(_floating(a), 0, 1), _floating(b)) for a, b in frames])
-    return values.reshape(len(x), -1).mean(1) if x.ndim == 4 else float(values.mean())
+    return values.reshape(len(x), -1).mean(1) if x.ndim > 3 else float(values.mean())
 
 
 def _floating(frame: np.ndarray) -> np.ndarray:
@@ -112,7 +114,7 @@ def _frame_psnr(x: np.ndarray, reference: np.ndarray) -> float:
 
 
 def _frame_ssim(x: np.ndarray, reference: np.ndarray) -> float:
-    if min(x.shape) < _SSIM_WINDOW:
+    if min(x.shape[:2]) < _SSIM_WINDOW:
         return float("nan")
     from skimage.metrics import structural_similarity
 
@@ -125,5 +127,6 @@ def _frame_ssim(x: np.ndarray, reference: np.ndarray) -> float:
             gaussian_weights=True,
             sigma=1.5,
             use_sample_covariance=False,
+            channel_axis=2 if x.ndim == 3 else None,
         )
     )

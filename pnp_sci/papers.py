@@ -11,6 +11,7 @@ from typing import Any
 from pnp_sci.errors import UnknownPluginError
 from pnp_sci.plugins import combine, registry
 from pnp_sci.results.result import Result
+from pnp_sci.sensing.mosaic import Mosaic
 
 PLUG_AND_PLAY = (
     'S. V. Venkatakrishnan, C. A. Bouman & B. Wohlberg, "Plug-and-play priors for model based reconstruction", IEEE '
@@ -91,6 +92,8 @@ def _papers(settings: dict[str, Any]) -> Iterator[str]:
     if prior is not None:
         yield from [] if prior == "none" else [PLUG_AND_PLAY, FOR_SCI]
         yield ALGORITHMS[settings["algorithm"]]
+    if settings.get("mosaic"):
+        yield from references(Mosaic)
     reprs = [turn["prior"] for plan in settings.get("plan", []) for turn in plan["serves"]]
     reprs.append(str(prior))
     classes = registry.makers("priors")

@@ -29,12 +29,15 @@ def plot_video(
     reference: Any = None,
     white: Any = None,
     uncertainty: Any = None,
+    *,
+    colour: bool = False,
 ) -> Figure:
     """Frames from left to right, a row for each view.
 
     Parameters
     ----------
     x : array_like, (B, H, W), (V, B, H, W) or (N, V, B, H, W)
+        With another axis of 3 at the end if it is in colour.
     frames : sequence of int, optional
         Which to show, counted from 0. Default: at most 6, evenly spread.
     reference : array_like, same shape, optional
@@ -44,6 +47,8 @@ def plot_video(
         the largest of `reference`, or of `x` without one.
     uncertainty : array_like, same shape, optional
         The predicted error of each pixel, in a row below each view; white is the largest.
+    colour : bool
+        Whether the last axis of the videos is red, green and blue.
 
     Raises
     ------
@@ -56,19 +61,18 @@ def plot_video(
     >>> len(figure.axes)
     4
     """
-    shape = np.shape(x)
-    x = _films("x", x)
+    x = _films("x", videos := np.asarray(x), colour)
     rows = [("", x)]
     for name, other in (("reference", reference), ("uncertainty", uncertainty)):
         if other is None:
             continue
-        rows.append((f"{name} ", _films(name, other)))
+        rows.append((f"{name} ", _films(name, other, colour)))
         if rows[-1][1].shape != x.shape:
             raise InputError(f"{name} has shape {np.shape(other)}, but x {x.shape}: the same was expected")
     views, count = x.shape[:2]
     chosen = _chosen(frames, count, _SHOWN)
     largest = float((x if reference is None else rows[1][1]).max())
-    videos = x.reshape(-1, *shape[-4:]) if len(shape) == 5 else x[None]
+    videos = videos.reshape(-1, *videos.shape[1:]) if videos.ndim == 5 + colour else x[None]
     levels = np.full(videos.shape[1], largest) if white is None else whites(white, videos)
     height = _PANEL * x.shape[2] / x.shape[3]
     size = _PANEL * len(chosen), height * views * len(rows) + 0.3
@@ -186,12 +190,17 @@ def _chosen(frames: Sequence[int] | None, count: int, most: int) -> np.ndarray:
 
 
 def _show(axis: Any, picture: np.ndarray, white: float) -> None:
+    picture = np.clip(picture / (white or 1.0), 0, 1) if picture.ndim == 3 else picture
     axis.imshow(picture, cmap="gray", vmin=0, vmax=white)
     axis.set(xticks=[], yticks=[])
 
 
-def _films(name: str, array: Any) -> np.ndarray:
+def _films(name: str, array: Any, colour: bool = False) -> np.ndarray:
+    """All views as (K, B, H, W) or (K, B, H, W, 3)."""
     array = np.asarray(array)
-    if array.ndim not in (3, 4, 5) or array.size == 0:
-        raise InputError(f"{name} has shape {array.shape}: (B, H, W), (V, B, H, W) or (N, V, B, H, W) was expected")
-    return array[None] if array.ndim == 3 else array.reshape(-1, *array.shape[-3:])
+    film = array.shape[-4:] if colour else array.shape[-3:]
+    if not 0 <= array.ndim - len(film) <= 2 or len(film) != 3 + colour or (colour and film[-1] != 3) or not array.size:
+        last = " with a last axis of 3 colours" * colour
+        expected = f"(B, H, W), (V, B, H, W) or (N, V, B, H, W){last} was expected"
+        raise InputError(f"{name} has shape {array.shape}: {expected}")
+    return array.reshape(-1, *film)

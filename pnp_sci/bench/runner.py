@@ -221,15 +221,20 @@ def as_markdown(rows: Iterable[Row]) -> str:
     return "\n".join(lines)
 
 
-def scores(x: np.ndarray, truth: np.ndarray | None) -> tuple[tuple[float, ...], tuple[float, ...]]:
+def scores(
+    x: np.ndarray, truth: np.ndarray | None, colour: bool = False
+) -> tuple[tuple[float, ...], tuple[float, ...]]:
     """PSNR in dB and SSIM of each view, mean over the measurements; empty without truth.
+
+    x is (..., V, B, H, W), or with `colour` (..., V, B, H, W, 3).
 
     >>> scores(np.zeros((3, 2, 1, 16, 16)), np.zeros((3, 2, 1, 16, 16)))
     ((inf, inf), (1.0, 1.0))
     """
     if truth is None:
         return (), ()
-    views, films = x.shape[-4], x.reshape(-1, *x.shape[-3:])
+    film = x.shape[-4:] if colour else x.shape[-3:]
+    views, films = x.shape[-len(film) - 1], x.reshape(-1, *film)
     psnr, ssim = (
         tuple(metric(films, truth.reshape(films.shape)).reshape(-1, views).mean(0).tolist())
         for metric in (metrics.psnr, metrics.ssim)

@@ -125,7 +125,12 @@ def masks_for(measurement: Path, masks_file: Path | None, views: int | None, key
 
 
 def usable_truth(
-    file: Path, shape: tuple[int, ...], count: int | None, key: str | None, peak: float | None
+    file: Path,
+    shape: tuple[int, ...],
+    count: int | None,
+    key: str | None,
+    peak: float | None,
+    colour: bool = False,
 ) -> np.ndarray | None:
     """As :func:`true_video`, but a truth that cannot be used is left out with a warning: the result needs none.
 
@@ -134,28 +139,34 @@ def usable_truth(
     from pnp_sci.pipeline.reference import Reference
 
     try:
-        truth = true_video(file, shape, count is not None, key)
-        Reference(truth, (count or 1, *shape), peak)
+        truth = true_video(file, shape, count is not None, key, colour)
+        Reference(truth, (count or 1, *shape, *(3,) * colour), peak)
     except (InputError, InputTypeError, FormatError) as error:
         click.echo(f"Warning: --reference is left out: {error}", err=True)
         return None
     return truth
 
 
-def true_video(file: Path, shape: tuple[int, ...], several: bool, key: str | None = None) -> np.ndarray:
-    """The video of masks of this shape, (V, B, H, W), or those of several measurements, (N, V, B, H, W)."""
+def true_video(
+    file: Path, shape: tuple[int, ...], several: bool, key: str | None = None, colour: bool = False
+) -> np.ndarray:
+    """The video of masks of this shape, (V, B, H, W), or those of several measurements, (N, V, B, H, W).
+
+    In colour, with another axis of 3 at the end.
+    """
     from pnp_sci import io
 
     views, frames, rows, columns = shape
-    video = io.read_video(file, views, key)
-    if not several and video.shape == (1, *shape):  # the result of a stack of one
+    video = io.read_video(file, views, key, colour)
+    colours = (3,) * colour
+    if not several and video.shape == (1, *shape, *colours):  # the result of a stack of one
         return video[0]
-    if several and video.ndim == 5 and video.shape[1:] == shape:
+    if several and video.shape[1:] == (*shape, *colours):
         return video
-    fits = video.ndim == 4 and video.shape[2:] == (rows, columns) and video.shape[1] % frames == 0
+    fits = video.shape[2:] == (rows, columns, *colours) and video.shape[1] % frames == 0
     if not fits or (not several and video.shape[1] != frames):
         raise InputError(f"reference has shape {video.shape}, but masks {shape}: the same was expected")
-    return video.reshape(views, -1, frames, rows, columns).swapaxes(0, 1) if several else video
+    return video.reshape(views, -1, frames, rows, columns, *colours).swapaxes(0, 1) if several else video
 
 
 def one_of(y: np.ndarray, truth: np.ndarray | None, index: int) -> tuple[np.ndarray, np.ndarray | None]:

@@ -58,7 +58,7 @@ def save_somewhere(result: Result, out: Path) -> Path:
         return other
 
 
-def print_scores(x: np.ndarray, truth: np.ndarray | None, peak: float | None = None) -> None:
+def print_scores(x: np.ndarray, truth: np.ndarray | None, peak: float | None = None, colour: bool = False) -> None:
     """PSNR and SSIM of each view, if the truth is known."""
     if truth is None:
         return
@@ -66,5 +66,5 @@ def print_scores(x: np.ndarray, truth: np.ndarray | None, peak: float | None = N
     from pnp_sci.bench.runner import scores
 
     largest = peak or white("reference", truth.dtype, float(truth.max(initial=0)))
-    for view, (psnr, ssim) in enumerate(zip(*scores(x / largest, truth / largest)), 1):
+    for view, (psnr, ssim) in enumerate(zip(*scores(x / largest, truth / largest, colour)), 1):
         click.echo(f"View {view}: PSNR {psnr:.2f} dB, SSIM {ssim:.3f}")

@@ -27,6 +27,7 @@ BRIGHTEST = 2.0  # of a video of floats: interpolation may leave [0, 1], grey le
 )
 @click.option("--bits", type=click.IntRange(1, 32), help="Grey levels of the camera.")
 @click.option("--seed", default=0, show_default=True, help="Of the masks and the noise.")
+@click.option("--mosaic", help="Colour filters of the camera: RGGB, BGGR, GRBG or GBRG.  [default: grey]")
 @click.option("--out", type=Output(*ARRAYS), default=Path("meas.npz"), show_default=True, help=".npz, .h5 or .mat")
 def simulate(
     videos: tuple[Path, ...],
@@ -36,39 +37,43 @@ def simulate(
     noise: float,
     bits: int | None,
     seed: int,
+    mosaic: str | None,
     out: Path,
 ) -> None:
     """Measure VIDEOS, a file for each view or one for all.
 
     Writes the measurement y, the masks and the true video x.
     """
+    import numpy as np
+
     from pnp_sci import io
     from pnp_sci.masks import moving_masks, random_masks
     from pnp_sci.sensing.simulate import simulate as measure
 
-    x = _views(videos, views, frames)
+    x = _views(videos, views, frames, mosaic is not None)
     makers = {"moving": moving_masks, "random": random_masks}
-    phi = makers[masks](x.shape, seed=seed) if masks in makers else io.read_masks(masks, len(x))
-    y = measure(x, phi, noise, seed, bits)
-    io.write(out, {"y": y, "masks": phi, "x": x})
+    phi = makers[masks](x.shape[:4], seed=seed) if masks in makers else io.read_masks(masks, len(x))
+    y = measure(x, phi, noise, seed, bits, mosaic=mosaic)
+    in_matlab = mosaic is not None and out.suffix.lower() == ".mat"  # rows, columns, then colours
+    io.write(out, {"y": y, "masks": phi, "x": np.moveaxis(x, -1, -3) if in_matlab else x})
     click.echo(f"{len(x)} views x {x.shape[1]} frames of {x.shape[2]} x {x.shape[3]} in one measurement")
     click.echo(f"Written: {out}")
 
 
-def _views(files: tuple[Path, ...], views: int | None, frames: int | None) -> np.ndarray:
-    """The videos of all views, (V, B, H, W), in [0, 1] if they are of whole numbers."""
+def _views(files: tuple[Path, ...], views: int | None, frames: int | None, colour: bool) -> np.ndarray:
+    """The videos of all views, (V, B, H, W) or in colour (V, B, H, W, 3), in [0, 1] if they are of whole numbers."""
     import numpy as np
 
     from pnp_sci import io
 
     if len(files) == 1:
-        x = io.read_video(files[0], views)
-        if x.ndim == 5:
+        x = io.read_video(files[0], views, None, colour)
+        if x.ndim == 5 + colour:
             raise InputError(f"{files[0]} holds the videos of {len(x)} measurements: those of one were expected")
         if frames is not None and frames > x.shape[1]:
             raise InputError(f"frames is {frames}, but {files[0]} has {x.shape[1]}")
         return _unit_range(x[:, :frames])
-    films = [io.read_video(file, 1)[0] for file in files]
+    films = [io.read_video(file, 1, None, colour)[0] for file in files]
     count = frames or min(map(len, films))
     for file, film in zip(files, films):
         if len(film) < count or film.shape[1:] != films[0].shape[1:]:

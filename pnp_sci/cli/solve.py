@@ -48,6 +48,7 @@ from pnp_sci.cli.outputs import SAVED, SHOWN, White, named, print_scores, save_s
 @click.option("--uncertainty", is_flag=True, help="Predict the error of each pixel: twice the time.")
 @click.option("--sequence", is_flag=True, help="The measurements follow one another: solve them as one video.")
 @click.option("--seed", default=0, show_default=True)
+@click.option("--mosaic", help="Colour filters of the camera: RGGB, BGGR, GRBG or GBRG.  [default: grey]")
 @click.option("--option", "options", multiple=True, metavar="KEY=VALUE", help="Option of the prior; may be repeated.")
 @click.option("--reference", type=FILE, help="File with the true video, to score the result.")
 @click.option("--reference-key", help="Name of the true video in its file, where it cannot be told.")
@@ -97,14 +98,14 @@ def solve(
     masks = masks_for(measurement, masks_file or calibration, views, masks_key)
     y = io.read_measurement(measurement, key)
     y = y if calibration is None else Calibration.load(calibration).correct(y)
-    shape = masks.shape[-4:]
+    shape, colour = masks.shape[-4:], settings["mosaic"] is not None
     if index is not None:
-        whole = None if reference is None else true_video(reference, shape, y.ndim == 3, reference_key)
+        whole = None if reference is None else true_video(reference, shape, y.ndim == 3, reference_key, colour)
         y, truth = one_of(y, whole, index)
         masks = masks[index] if masks.ndim == 5 else masks
     else:
         count = len(y) if y.ndim == 3 else None
-        truth = None if reference is None else usable_truth(reference, shape, count, reference_key, peak)
+        truth = None if reference is None else usable_truth(reference, shape, count, reference_key, peak, colour)
     result = api.solve(
         y,
         masks,
@@ -122,6 +123,6 @@ def solve(
         result.export(video, fps, white)
         written.append(named(video, fps))
     click.echo(repr(result))
-    print_scores(result.x, truth, peak)
+    print_scores(result.x, truth, peak, colour)
     click.echo(f"Written: {', '.join(written)}")
     result.raise_for_status()

@@ -21,6 +21,7 @@ ELSEWHERE = {  # options of solve that are not for many measurements: what serve
     "callback": "a callback cannot be sent to other processes",
     "reference": "compare with the truth afterwards, by pnp_sci.psnr",
     "peak": "it belongs to reference, which cannot be given",
+    "mosaic": "its store has no colours; solve each measurement, or its planes, see pnp_sci.planes",
 }
 
 

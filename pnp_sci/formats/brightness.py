@@ -21,8 +21,13 @@ def brightest(x: np.ndarray) -> float:
     return value if value > 0 else 1.0
 
 
+def of_views(levels: np.ndarray, video: np.ndarray) -> np.ndarray:
+    """White of each view (V,), as it goes with the axes of a video (V, B, H, W) or (V, B, H, W, 3)."""
+    return levels.reshape(-1, *[1] * (video.ndim - 1))
+
+
 def whites(white: Any, x: np.ndarray, default: float | None = None) -> np.ndarray:
-    """White of each view, (V,), for videos x of shape (N, V, B, H, W).
+    """White of each view, (V,), for videos x of shape (N, V, B, H, W) or (N, V, B, H, W, 3).
 
     Parameters
     ----------

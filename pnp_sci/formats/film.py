@@ -17,19 +17,23 @@ from pnp_sci.formats.pictures import eight_bit
 
 DEEP = re.compile(r"(?<![0-9])(9|10|12|14|16)(le|be)")  # the bits in the name of ffmpeg's pixel formats, if above 8
 START = re.compile(r"start: (-?[0-9.]+)")  # seconds of the first frame
+PALETTE = "split[a][b];[a]palettegen[p];[b][p]paletteuse"  # of a GIF: the colours that suit the film
 BROKEN = re.compile(r"prematurely|partial file|truncat|invalid data|moov atom not found", re.IGNORECASE)
 
 
-def load(path: Path) -> np.ndarray:
-    """The frames (B, H, W) as uint8, or uint16 for films of more bits."""
+def load(path: Path, colour: bool = False) -> np.ndarray:
+    """The frames (B, H, W), in colour (B, H, W, 3), as uint8, or uint16 for films of more bits."""
     with closing(_ffmpeg().read_frames(_url(path))) as reader:
         meta = next(reader)
     deep = DEEP.search(meta["pix_fmt"])
-    pixels, kind = (f"gray{deep[1]}le", "<u2") if deep else ("gray", "u1")
+    if colour:
+        pixels, kind, depth = ("rgb48le", "<u2", (3,)) if deep else ("rgb24", "u1", (3,))
+    else:
+        pixels, kind, depth = (f"gray{deep[1]}le", "<u2", ()) if deep else ("gray", "u1", ())
     content = _output(path, "-fps_mode", "passthrough", "-f", "rawvideo", "-pix_fmt", pixels)
     columns, rows = meta["size"]
     values = np.frombuffer(content, kind)
-    frames = values.reshape(-1, rows, columns).astype(values.dtype.newbyteorder("="), copy=False)
+    frames = values.reshape(-1, rows, columns, *depth).astype(values.dtype.newbyteorder("="), copy=False)
     _check_end(path, len(frames), meta)
     return frames
 
@@ -61,19 +65,39 @@ def _check_end(path: Path, count: int, meta: dict[str, Any]) -> None:
 
 
 def save(path: Path, frames: np.ndarray, fps: float) -> None:
-    """Write frames (B, H, W) as H.264, AVI (uncompressed grey) or GIF; AVI and GIF are exact for 8 bits.
+    """Write frames (B, H, W) or (B, H, W, 3) as H.264, AVI (uncompressed) or GIF.
+
+    AVI is exact for 8 bits, and so is GIF for grey ones.
 
     Players need H.264 of even sizes: the last row or column of others is repeated.
     """
-    if frames.ndim != 3 or frames.size == 0:
-        raise InputError(f"frames has shape {frames.shape}: (frames, rows, columns) was expected")
+    colour = frames.ndim == 4 and frames.shape[-1] == 3
+    if not (frames.ndim == 3 or colour) or frames.size == 0:
+        expected = "(frames, rows, columns), or in colour (frames, rows, columns, 3), was expected"
+        raise InputError(f"frames has shape {frames.shape}: {expected}")
     frames = eight_bit(frames)
-    codec = {".avi": ["rawvideo", "-pix_fmt", "gray"], ".gif": ["gif", "-pix_fmt", "gray"]}.get(path.suffix.lower())
+    exact = {
+        ".avi": ["rawvideo", "-pix_fmt", "bgr24" if colour else "gray"],
+        ".gif": ["gif", *(["-filter_complex", PALETTE] if colour else ["-pix_fmt", "gray"])],
+    }
+    codec = exact.get(path.suffix.lower())
     if codec is None:
         codec = ["libx264", "-pix_fmt", "yuv420p", "-crf", "12"]
-        frames = np.pad(frames, [(0, 0), *((0, n % 2) for n in frames.shape[1:])], mode="edge")
-    _, rows, columns = frames.shape
-    raw = ["-f", "rawvideo", "-pix_fmt", "gray", "-s", f"{columns}x{rows}", "-r", f"{fps:.10g}", "-i", "-"]
+        odd = [(0, n % 2) for n in frames.shape[1:3]]
+        frames = np.pad(frames, [(0, 0), *odd, *[(0, 0)] * colour], mode="edge")
+    rows, columns = frames.shape[1:3]
+    raw = [
+        "-f",
+        "rawvideo",
+        "-pix_fmt",
+        "rgb24" if colour else "gray",
+        "-s",
+        f"{columns}x{rows}",
+        "-r",
+        f"{fps:.10g}",
+        "-i",
+        "-",
+    ]
     done = subprocess.run(
         [_ffmpeg().get_ffmpeg_exe(), "-y", "-v", "error", *raw, "-c:v", *codec, _url(path)],
         input=np.ascontiguousarray(frames).data,
@@ -85,11 +109,11 @@ def save(path: Path, frames: np.ndarray, fps: float) -> None:
         raise OSError(errno.EIO, f"ffmpeg could not write {columns} x {rows} pixels as {codec[0]}: {why}")
 
 
-def load_gif(path: Path) -> np.ndarray:
-    """The frames (B, H, W) of a GIF as uint8."""
+def load_gif(path: Path, colour: bool = False) -> np.ndarray:
+    """The frames (B, H, W), in colour (B, H, W, 3), of a GIF as uint8."""
     import imageio.v3
 
-    return imageio.v3.imread(path, plugin="pillow", mode="L")
+    return imageio.v3.imread(path, plugin="pillow", mode="RGB" if colour else "L")
 
 
 def _ffmpeg() -> Any:

@@ -49,15 +49,15 @@ def _open_png(path: Path) -> np.ndarray:
     return imageio.v3.imread(content, plugin="pillow", extension=".png")
 
 
-def save_png(path: Path, picture: np.ndarray) -> None:
-    """Write a picture (H, W): uint16 as it is, others as 8 bits."""
+def save_png(path: Path, picture: np.ndarray, colour: bool = False) -> None:
+    """Write a picture (H, W): uint16 as it is, others as 8 bits; in colour (H, W, 3), of 8 bits."""
     import imageio.v3
 
-    if picture.ndim != 2:
+    if picture.ndim != 2 + colour:
         raise InputError(
             f"{path}: a PNG holds (rows, columns), but {picture.shape} came; a path without suffix makes a folder"
         )
-    picture = picture if picture.dtype == np.uint16 else eight_bit(picture)
+    picture = picture if picture.dtype == np.uint16 and not colour else eight_bit(picture)
     imageio.v3.imwrite(path, picture, plugin="pillow", extension=".png")
 
 

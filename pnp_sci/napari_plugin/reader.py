@@ -36,17 +36,23 @@ def layers_of(result: Result, name: str) -> list[Layer]:
     [((3, 4, 5), 'cells view 1', 'image'), ((3, 4, 5), 'cells view 2', 'image')]
     """
     about = {"status": result.status.value, "settings": result.settings, "remarks": result.remarks}
-    layers = _layers(result.x, name, (0.0, result.white), visible=True, metadata=about, colormap="gray")
+    if result.in_colour:
+        shown = np.clip(result.videos / result.white, 0, 1)
+        return _layers(shown, name, visible=True, metadata=about, rgb=True)
+    kept = {"contrast_limits": (0.0, result.white), "colormap": "gray"}
+    layers = _layers(result.videos, name, visible=True, metadata=about, **kept)
     if result.uncertainty is not None:
         errors = np.nan_to_num(result.uncertainty)
         largest = float(errors.max()) or 1.0
-        layers += _layers(errors, f"{name} uncertainty", (0.0, largest), visible=False, colormap="magma")
+        errors = errors.reshape(result.videos.shape)
+        kept = {"contrast_limits": (0.0, largest), "colormap": "magma"}
+        layers += _layers(errors, f"{name} uncertainty", visible=False, **kept)
     return layers
 
 
-def _layers(x: np.ndarray, name: str, limits: tuple[float, float], **kept: Any) -> list[Layer]:
-    videos = x.reshape(-1, *x.shape[-4:]).swapaxes(0, 1)
+def _layers(videos: np.ndarray, name: str, **kept: Any) -> list[Layer]:
+    """A layer for each view of videos (N, V, B, H, W) or (N, V, B, H, W, 3)."""
     return [
-        (video.reshape(-1, *x.shape[-2:]), {"name": f"{name} view {view}", "contrast_limits": limits, **kept}, "image")
-        for view, video in enumerate(videos, 1)
+        (video.reshape(-1, *videos.shape[3:]), {"name": f"{name} view {view}", **kept}, "image")
+        for view, video in enumerate(videos.swapaxes(0, 1), 1)
     ]

@@ -6,17 +6,19 @@ import logging
 from collections.abc import Iterator
 from contextlib import contextmanager
 from contextvars import ContextVar
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from typing import Any
 
 import numpy as np
 
+from pnp_sci._validate import real_array
 from pnp_sci.camera.check import check_all
 from pnp_sci.camera.fit import Fit
 from pnp_sci.camera.register import registration_for
 from pnp_sci.camera.registration import Registration
 from pnp_sci.camera.residual import unexplained
 from pnp_sci.errors import InputError
+from pnp_sci.sensing.mosaic import Mosaic, check_cells, planes
 from pnp_sci.sensing.operator import SensingOperator
 from pnp_sci.sensing.problem import (
     Problem,
@@ -50,6 +52,10 @@ class Input:
         One for all measurements, or one for each.
     largest : float
         What the masks were divided by.
+    mosaic : Mosaic or None
+        The colour filters of the sensor. All pictures then lie in planes, see :mod:`pnp_sci.sensing.mosaic`.
+    balance : ndarray, (3,)
+        What the masks of each colour were multiplied by: videos that all colours of the scene make equally bright.
     """
 
     measurements: np.ndarray
@@ -58,13 +64,45 @@ class Input:
     ops: list[SensingOperator]
     largest: float
     registration: Registration | None = None
+    mosaic: Mosaic | None = None
+    balance: np.ndarray = field(default_factory=lambda: np.ones(3))
 
     @classmethod
-    def of(cls, y: Any, masks: Any, bad: Any) -> Input:
+    def of(cls, y: Any, masks: Any, bad: Any, mosaic: str | None = None) -> Input:
         """The arguments of :func:`pnp_sci.solve`; errors name them."""
         unused = check_bad(bad, y)
         measurements = check_measurement(y, unused)
-        return cls(measurements, unused, isinstance(bad, str), *check_operators(masks, measurements))
+        given = cls(measurements, unused, isinstance(bad, str), *check_operators(masks, measurements))
+        return given if mosaic is None else given._in_planes(Mosaic(mosaic))
+
+    def _in_planes(self, mosaic: Mosaic) -> Input:
+        """The same, each colour by itself and as bright as the others."""
+        check_cells("y", self.measurements.shape[1:])
+        measurements, bad = planes(self.measurements), None if self.bad is None else planes(self.bad)
+        ops = [SensingOperator(planes(op.masks), op.dtype) for op in self.ops]
+        balance = mosaic.gains(measurements, ops[0])
+        given = replace(self, measurements=measurements, bad=bad, ops=ops, mosaic=mosaic, balance=balance)
+        return replace(given, ops=[SensingOperator(op.masks * given._gains, op.dtype) for op in ops])
+
+    @property
+    def _gains(self) -> np.ndarray:
+        """The balance of each pixel of a mosaic in planes, (H, W)."""
+        return self.mosaic.spread(self.balance.astype(self.op.dtype), self.measurements.shape)  # type: ignore[union-attr]
+
+    def shown(self, videos: np.ndarray) -> np.ndarray:
+        """Videos (..., B, H, W) as the user sees them: of mosaics in colour, (..., B, H, W, 3)."""
+        if self.mosaic is None:
+            return videos
+        return self.mosaic.demosaic(videos) * self.balance.astype(videos.dtype)
+
+    def modelled(self, init: Any) -> Any:
+        """A first estimate as the solver takes it: a colour video (..., B, H, W, 3) as a mosaic in planes."""
+        if self.mosaic is None or isinstance(init, str) or callable(init):
+            return init
+        video = real_array("init", init)
+        if video.ndim not in (5, 6) or video.shape[-1] != 3:
+            raise InputError(f"init has shape {video.shape}: a colour video (V, B, H, W, 3) was expected")
+        return planes(self.mosaic.sample(video / self.balance))
 
     @property
     def op(self) -> SensingOperator:
@@ -94,10 +132,12 @@ class Input:
                     break
                 bad = faint if bad is None else bad | faint
                 problem = pose(without(whole, bad), self.largest, y, sensor, bad)
-            yield problem
+            yield problem if self.mosaic is None else replace(problem, balance=self._gains)
 
     def registered(self, asked: bool | Registration, sensor: Sensor, masks: Any) -> tuple[Input, Sensor]:
         """The input with the masks, as given, where they are found to be, without black level; the sensor of that."""
+        if asked and self.mosaic is not None:
+            raise InputError("register is not for mosaics: register the masks beforehand, by pictures without colours")
         if asked and len(self.ops) > 1:
             raise InputError("register needs masks (V, B, H, W) for all measurements, but each has its own")
         registration = registration_for(asked, self.measurements, masks)

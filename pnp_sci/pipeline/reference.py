@@ -23,13 +23,21 @@ class Reference:
     reference : array_like
         The truth, >= 0.
     shape : tuple
-        (N, V, B, H, W), as expected; N may be left out if it is 1.
+        (N, V, B, H, W), as expected, of mosaics (N, V, B, H, W, 3); N may be left out if it is 1.
     peak : float, optional
         The value of white, in the reference's units, which should be those of the result. By default that of the
         reference's type; of floats 1, or where they are larger, of 8, 10, 12, 14 or 16 bits.
+    shown : callable, optional
+        What makes of a solver's video (V, B, H, W) one that is compared: mosaics are compared in colour.
     """
 
-    def __init__(self, reference: Any, shape: tuple[int, ...], peak: float | None = None):
+    def __init__(
+        self,
+        reference: Any,
+        shape: tuple[int, ...],
+        peak: float | None = None,
+        shown: Callable[[np.ndarray], np.ndarray] = np.asarray,
+    ):
         array = real_array("reference", reference)
         if _longer_than_one(array.shape) != _longer_than_one(shape):
             raise InputError(f"reference has shape {array.shape}: {shape[1:] if shape[0] == 1 else shape} was expected")
@@ -40,7 +48,7 @@ class Reference:
             expected = f"values from 0 to {self.white:g}, which is white, were expected; peak= says what is white"
             raise InputError(f"reference spans {array.min():g} to {largest:g}: {expected}")
         self.array = array.reshape(shape)
-        self.seconds = 0.0
+        self.shown, self.seconds = shown, 0.0
 
     def psnr(self, x: np.ndarray, n: int, unit: float = 1.0) -> float:
         """Mean over the views of measurement n, for x in so many of the reference's units."""
@@ -49,7 +57,7 @@ class Reference:
     def remarks(self, x: np.ndarray, n: int) -> list[str]:
         """What is to be said of measurement n where x and the reference are in different units."""
         begin = time.perf_counter()
-        truth, video = self.array[n].astype(np.float64), x.astype(np.float64)
+        truth, video = self.array[n].astype(np.float64), self.shown(x).astype(np.float64)
         gain = float((video * truth).sum() / max((truth**2).sum(), np.finfo(float).tiny))
         told = [] if 1 / OTHER_UNITS < gain < OTHER_UNITS or not truth.any() else [self._other_units(video, n, gain)]
         self.seconds += time.perf_counter() - begin
@@ -69,7 +77,7 @@ class Reference:
     def _mean(self, metric: Callable[..., Any], x: np.ndarray, n: int, unit: float = 1.0) -> float:
         begin = time.perf_counter()
         with np.errstate(over="ignore"):  # metrics clip to [0, 1]
-            mean = float(np.mean(metric(x * (unit / self.white), self.array[n] / self.white)))
+            mean = float(np.mean(metric(self.shown(x) * (unit / self.white), self.array[n] / self.white)))
         self.seconds += time.perf_counter() - begin
         return mean
 

@@ -11,12 +11,15 @@ import numpy as np
 from pnp_sci._validate import finite_number, instance, one_of, whole
 from pnp_sci.advice.recommend import prior_within
 from pnp_sci.camera.registration import Registration
+from pnp_sci.errors import InputError
 from pnp_sci.pipeline.auto import prior_for
 from pnp_sci.pipeline.place import backend_for
 from pnp_sci.pipeline.sequence import FEWEST, MOST
 from pnp_sci.plugins.combine import Stages
+from pnp_sci.plugins.mosaic import mosaicked
 from pnp_sci.plugins.protocols import Prior
 from pnp_sci.plugins.resolve import as_prior
+from pnp_sci.sensing.mosaic import Mosaic
 from pnp_sci.sensing.operator import SensingOperator
 from pnp_sci.sensing.problem import check_noise, check_scene
 from pnp_sci.sensing.scene_model import SceneModel
@@ -50,6 +53,7 @@ class Request:
     register: bool | Registration
     uncertainty: bool
     sequence: int  # measurements that are solved together at most: 1 if each is solved alone
+    mosaic: Mosaic | None  # videos are mosaics in planes
 
     def init_of(self, n: int) -> Any:
         """The first estimate of the n-th measurement: `init`, or of an array (N, V, B, H, W) its own."""
@@ -78,6 +82,7 @@ class Request:
             "register": bool(self.register),
             "uncertainty": self.uncertainty,
             "sequence": self.sequence,
+            "mosaic": self.mosaic and self.mosaic.pattern,
         }
 
 
@@ -105,6 +110,7 @@ def check_request(
     register: Any,
     uncertainty: Any,
     sequence: Any,
+    mosaic: Mosaic | None = None,
 ) -> Request:
     """The request for `count` measurements with this operator; errors name the argument."""
     sensor = check_noise(noise)
@@ -128,10 +134,15 @@ def check_request(
         prior = prior_within(time_budget / count / (1 + uncertainty), op.shape) if within else prior_for(effort)
         counted = "best" if within else effort
     made = as_prior(prior, device=device, seed=seed, **prior_options)
+    name = describe(prior, made)
+    if mosaic is not None:
+        if uncertainty:
+            raise InputError("uncertainty is True, but it cannot be predicted for mosaics")
+        made = mosaicked(made, mosaic)
     return Request(
-        made, describe(prior, made), prior_options, init, algorithm, effort, counted, scene, iterations, sensor, sigma,
+        made, name, prior_options, init, algorithm, effort, counted, scene, iterations, sensor, sigma,
         tol, time_budget, device, placed, threads, seed, register, uncertainty,
-        _together(sequence, op.shape, count),
+        _together(sequence, op.shape, count), mosaic,
     )  # fmt: skip
 
 

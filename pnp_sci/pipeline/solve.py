@@ -35,13 +35,15 @@ _log = logging.getLogger("pnp_sci")
 def solve_all(y: Any, masks: Any, reference: Any, peak: float | None, options: dict[str, Any]) -> Result:
     """What :func:`pnp_sci.solve` does; `options` are all its other arguments."""
     began = time.perf_counter()
-    given = Input.of(y, masks, options.pop("bad"))
+    given = Input.of(y, masks, options.pop("bad"), options.pop("mosaic"))
+    options["init"] = given.modelled(options["init"])
     op, count = given.op, len(given.measurements)
-    request = check_request(op, count, **options)
+    request = check_request(op, count, **options, mosaic=given.mosaic)
     if options["sequence"] and np.ndim(y) != 3:
         raise InputError(f"sequence is {options['sequence']}, but y has shape {np.shape(y)}: (N, H, W) was expected")
     peak = None if peak is None else positive_number("peak", peak)
-    truth = Reference(reference, (count, *op.shape), peak) if reference is not None else None
+    colours = () if given.mosaic is None else (3,)
+    truth = None if reference is None else Reference(reference, (count, *op.shape, *colours), peak, given.shown)
     _warn_of_lost_views(op)
 
     videos = np.empty((count, *op.shape), op.dtype)
@@ -64,6 +66,7 @@ def solve_all(y: Any, masks: Any, reference: Any, peak: float | None, options: d
     began += truth.seconds if truth else 0.0  # the metrics are not the solver's time
     problems = [problem for outcome in outcomes for problem in outcome.problems]
     scenes = [scene for outcome in outcomes for scene in outcome.scenes]
+    videos = given.shown(videos)
     return Result(
         videos if np.ndim(y) == 3 else videos[0],
         Status.worst([outcome.status for outcome in outcomes]),

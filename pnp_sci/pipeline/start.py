@@ -12,6 +12,7 @@ import numpy as np
 from pnp_sci._validate import real_array, require_finite, shaped
 from pnp_sci.errors import FormatError, InputError
 from pnp_sci.pipeline.auto import NETWORK
+from pnp_sci.plugins.mosaic import decoded
 from pnp_sci.plugins.resolve import decoder_for
 from pnp_sci.sensing.problem import Problem, level
 from pnp_sci.sensing.scene_model import SceneModel
@@ -73,7 +74,7 @@ def first_estimate(
     if isinstance(init, str):
         return _decoded(init, problem, scene, device, deadline)
     if callable(init):
-        x = decoder_for("init", init, {})(problem, scene)
+        x = decoded(decoder_for("init", init, {}), problem, scene)
     else:
         with np.errstate(all="ignore"):  # what the type cannot hold is told below
             x = real_array("init", init) / np.float64(problem.unit)
@@ -89,7 +90,7 @@ def _decoded(name: str, problem: Problem, scene: SceneModel, device: str | None,
     decoder = decoder_for("init", name, {}, device)
 
     def decode(problem: Problem, scene: SceneModel) -> np.ndarray:
-        return _checked(decoder(problem, scene), problem)
+        return _checked(decoded(decoder, problem, scene), problem)
 
     key, size = (name, device, problem.op.shape[:2], scene.nothing_moves), problem.op.masks.size
     if (

@@ -6,6 +6,7 @@ import time
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 from itertools import pairwise, product
+from typing import Any
 
 import numpy as np
 
@@ -23,27 +24,26 @@ MARGIN = 64  # pixels that a tile sees beyond its own on every side
 GRID = 8  # pixels: tiles begin at multiples, as blocks of the priors do
 
 
+Part = tuple[Any, Any]  # rows and columns: slices, or index arrays that go with each other
+
+
 @dataclass(frozen=True)
 class Tile:
     """A part of the picture.
 
     Attributes
     ----------
-    seen : tuple of slice
+    seen : tuple of slice or of index arrays
         Rows and columns that are solved.
-    kept : tuple of slice
+    kept : tuple
         Those whose result is used: every pixel is in one tile.
+    inner : tuple
+        Where the kept pixels are among those seen.
     """
 
-    seen: tuple[slice, slice]
-    kept: tuple[slice, slice]
-
-    @property
-    def inner(self) -> tuple[slice, slice]:
-        """Where the kept pixels are among those seen."""
-        starts = [seen.start for seen in self.seen]
-        rows, columns = (slice(k.start - s, k.stop - s) for k, s in zip(self.kept, starts))
-        return rows, columns
+    seen: Part
+    kept: Part
+    inner: Part
 
 
 def tiles(shape: Sequence[int], most: int) -> list[Tile]:
@@ -58,15 +58,32 @@ def tiles(shape: Sequence[int], most: int) -> list[Tile]:
     else:
         side = max(int((most / frames) ** 0.5) - 2 * MARGIN, 2 * MARGIN)
     rows, columns = (list(_spans(length, side)) for length in shape[-2:])
-    return [Tile((r[0], c[0]), (r[1], c[1])) for r, c in product(rows, columns)]
+    return [Tile(*zip(row, column)) for row, column in product(rows, columns)]
 
 
-def _spans(length: int, side: int) -> Iterator[tuple[slice, slice]]:
-    """Rows or columns that a tile sees, and those that it keeps; about `side` of these."""
+def tiles_of_planes(shape: Sequence[int], most: int) -> list[Tile]:
+    """Tiles of a mosaic (N, V, B, H, W) in planes: the same part of each plane."""
+    height, width = (n // 2 for n in shape[-2:])
+
+    def both(part: Part, rows: int, columns: int) -> Part:
+        down, right = (np.arange(n)[own] for own, n in zip(part, (rows, columns)))
+        return np.concatenate([down, down + rows])[:, None], np.concatenate([right, right + columns])
+
+    found = []
+    for tile in tiles((*shape[:-2], height, width), most // 4):
+        rows, columns = (own.stop - own.start for own in tile.seen)
+        whole = both(tile.seen, height, width), both(tile.kept, height, width)
+        found.append(Tile(*whole, both(tile.inner, rows, columns)))
+    return found
+
+
+def _spans(length: int, side: int) -> Iterator[tuple[slice, slice, slice]]:
+    """Rows or columns that a tile sees, those that it keeps, about `side`, and where these are among the seen ones."""
     count = -(-length // side)
     ends = [round(length * n / count / GRID) * GRID for n in range(count)] + [length]
     for begin, end in pairwise(ends):
-        yield slice(max(begin - MARGIN, 0), min(end + MARGIN, length)), slice(begin, end)
+        first = max(begin - MARGIN, 0)
+        yield slice(first, min(end + MARGIN, length)), slice(begin, end), slice(begin - first, end - first)
 
 
 def reconstruct_in_tiles(
@@ -84,7 +101,8 @@ def reconstruct_in_tiles(
     The videos of those that are kept go to `out` (N, V, B, H, W), in the user's units.
     """
     shape = problems[0].op.shape
-    parts = tiles((len(problems), *shape), MOST)
+    whole = (len(problems), *shape)
+    parts = tiles(whole, MOST) if request.mosaic is None else tiles_of_planes(whole, MOST)
     if len(parts) == 1:
         return reconstruct(problems, request, out, window=window, deadline=deadline, watch=watch, truth=truth)
     strong = request.prior.traits(shape).strong

@@ -8,8 +8,11 @@ from typing import Any
 
 import numpy as np
 
-from pnp_sci.plugins.protocols import Prior, Session, Traits
-from pnp_sci.sensing.mosaic import Mosaic
+from pnp_sci.plugins.combine import Stages
+from pnp_sci.plugins.protocols import Decoder, Prior, Session, Traits
+from pnp_sci.sensing.mosaic import Mosaic, quarters
+from pnp_sci.sensing.problem import Problem
+from pnp_sci.sensing.scene_model import SceneModel
 
 GREY = 0.5  # added to chroma, which is 0 for grey: priors are made for values about [0, 1]
 
@@ -27,8 +30,7 @@ class Mosaicked(Prior):
 
     References
     ----------
-    D. Alleysson, S. Süsstrunk & J. Hérault, "Linear demosaicing inspired by the human visual system", IEEE TIP 14
-    (2005).
+    Those of :class:`pnp_sci.sensing.mosaic.Mosaic`.
 
     Examples
     --------
@@ -70,3 +72,23 @@ class _MosaickedSession(Session):
 
     def facts(self) -> Mapping[str, Any]:
         return self.luma.facts()
+
+
+def mosaicked(prior: Prior, mosaic: Mosaic) -> Prior:
+    """The prior for mosaics; of stages, each."""
+    if isinstance(prior, Stages):
+        return Stages([(mosaicked(stage, mosaic), calls) for stage, calls in prior.stages])
+    return Mosaicked(prior, mosaic)
+
+
+def decoded(decoder: Decoder, problem: Problem, scene: SceneModel) -> np.ndarray:
+    """The video (V, B, H, W) that a decoder makes of a problem; of a mosaic, plane by plane.
+
+    Decoders are trained with masks as they are given, and with pictures that have no seams.
+    """
+    if problem.balance is None:
+        return decoder(problem, scene)
+    as_given, out = problem.unbalanced(), np.empty(problem.op.shape, problem.op.dtype)
+    for where in quarters(problem.op.shape):
+        out[(..., *where)] = decoder(as_given.crop(where), scene)
+    return out

@@ -14,7 +14,7 @@ from pnp_sci.results.storage import as_json
 if TYPE_CHECKING:
     from xarray import Dataset
 
-DIMS = "measurement", "view", "frame", "y", "x"
+DIMS = "measurement", "view", "frame", "y", "x", "colour"  # the last one of colour videos only
 
 
 def labelled(result: Any, fps: float | None) -> Dataset:
@@ -23,7 +23,8 @@ def labelled(result: Any, fps: float | None) -> Dataset:
         import xarray
 
     def films(array: np.ndarray) -> tuple[tuple[str, ...], np.ndarray]:
-        return DIMS, array.reshape(-1, *array.shape[-4:])
+        videos = array.reshape(result.videos.shape)
+        return DIMS[: videos.ndim], videos
 
     variables: dict[str, Any] = {"video": films(result.x), "history": (("record", "field"), result.history.table())}
     if result.uncertainty is not None:

@@ -15,6 +15,7 @@ from PIL import Image
 
 from pnp_sci.errors import MissingExtraError
 from pnp_sci.formats import film
+from pnp_sci.formats.brightness import of_views
 from pnp_sci.formats.pictures import eight_bit
 
 SHOWN = 5  # frames side by side
@@ -36,12 +37,9 @@ class Shown:
 
 
 def as_html(rows: Mapping[str, str], x: np.ndarray, white: np.ndarray) -> str:
-    """The table with these rows, and pictures of a video (V, B, H, W) or of the first of several, (N, V, B, H, W).
-
-    `white` (V,) is that of each view.
-    """
+    """The table with these rows, and pictures of a video (V, B, H, W) or (V, B, H, W, 3); `white` is of each view."""
     cells = "".join(f"<tr><th>{key}</th><td>{escape(text)}</td></tr>" for key, text in rows.items() if text)
-    video = eight_bit(np.nan_to_num(x.reshape(-1, *x.shape[-4:])[0] / white[:, None, None, None]))
+    video = eight_bit(np.nan_to_num(x / of_views(white, x)))
     return f"<table>{cells}</table>\n{_picture(video)}<br>\n{_player(video)}"
 
 
@@ -80,11 +78,11 @@ def _within(limit: int, side: int, make: Callable[[int], bytes]) -> bytes:
 
 
 def _resized(picture: np.ndarray, side: int) -> np.ndarray:
-    """A picture (H, W) whose longer side is about so many pixels: pixels are repeated or averaged."""
-    longer = max(picture.shape)
+    """A picture (H, W) or (H, W, 3) whose longer side is about so many pixels: pixels are repeated or averaged."""
+    longer = max(picture.shape[:2])
     if longer <= side:
         return picture.repeat(side // longer, axis=0).repeat(side // longer, axis=1)
-    rows, columns = (max(round(length * side / longer), 2) for length in picture.shape)
+    rows, columns = (max(round(length * side / longer), 2) for length in picture.shape[:2])
     return np.asarray(Image.fromarray(picture).resize((columns, rows), Image.Resampling.BOX))
 
 

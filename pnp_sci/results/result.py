@@ -14,9 +14,11 @@ from pnp_sci._validate import positive_number
 from pnp_sci.errors import FormatError, InputError, InputIndexError, SolverError
 from pnp_sci.formats import arrays as _formats
 from pnp_sci.formats import films_as_tiff
-from pnp_sci.formats.brightness import brightest, whites
+from pnp_sci.formats.brightness import brightest, of_views, whites
+from pnp_sci.formats.pictures import save_png
 from pnp_sci.formats.replacing import replacing
 from pnp_sci.results import storage
+from pnp_sci.results.channels import as_channels
 from pnp_sci.results.history import History, Record, Status
 from pnp_sci.results.words import counted, in_words
 
@@ -34,7 +36,8 @@ class Result:
     Attributes
     ----------
     x : ndarray, (V, B, H, W) or (N, V, B, H, W)
-        In the units that y and the masks imply; N measurements give N videos.
+        In the units that y and the masks imply; N measurements give N videos. Those of mosaics have a last axis of 3
+        colours: ``settings["mosaic"]`` says so.
     status : Status
         Why the solver stopped; of several measurements the worst.
     history : History
@@ -65,7 +68,7 @@ class Result:
 
     def __len__(self) -> int:
         """The number of measurements."""
-        return self.x.shape[0] if self.x.ndim == 5 else 1
+        return len(self.videos)
 
     def __getitem__(self, index: SupportsIndex | slice) -> Result:
         """The result of one measurement, or of some: video, history, scenes, plans and uncertainty of those alone.
@@ -101,7 +104,7 @@ class Result:
                 )
                 raise InputIndexError(f"index is {index}: {expected}") from None
         fields = {name: getattr(self, name) for name in self.__dataclass_fields__}
-        if self.x.ndim == 4:
+        if not self._several:
             fields |= {name: None if (a := fields[name]) is None else a[None] for name in ("x", "uncertainty")}
         return Result(**part(fields, count, chosen, not isinstance(index, slice)))
 
@@ -142,11 +145,26 @@ class Result:
         count = len(self.scenes)
         return [text if len(ns) == count else f"measurement {counted(ns)}: {text}" for text, ns in concerned.items()]
 
+    @property
+    def videos(self) -> np.ndarray:
+        """The videos of all measurements, (N, V, B, H, W), in colour (N, V, B, H, W, 3)."""
+        return self.x if self._several else self.x[None]
+
+    @property
+    def in_colour(self) -> bool:
+        """Whether the last axis of the videos is red, green and blue: ``settings["mosaic"]`` says so."""
+        return bool(self.settings.get("mosaic"))
+
+    @property
+    def _several(self) -> bool:
+        return self.x.ndim == 5 + self.in_colour
+
     def save(self, path: str | Path) -> None:
         """Write NPZ, HDF5 (.h5, .hdf5), MAT or Zarr, which :meth:`load` reads; the rest is JSON in it, never pickle.
 
-        In a MAT-file planes come last: x is (H, W, B, V) or (H, W, B, V, N). A Zarr store has the image "video" with
-        axes (t, c, y, x), frames and views, as OME-Zarr 0.5 wants it, and a chunk for each measurement and view.
+        In a MAT-file planes come last: x is (H, W, B, V) or (H, W, B, V, N), in colour (H, W, 3, B, V). A Zarr store
+        has the image "video" with axes (t, c, y, x), frames and views, in colour red, green and blue of each, as
+        OME-Zarr 0.5 wants it, and a chunk for each measurement and channel.
 
         A write that is interrupted leaves nothing behind, and the file that was there before as it was.
         """
@@ -202,7 +220,7 @@ class Result:
         if uncertainty and errors is None:
             raise InputError("uncertainty was not asked for: solve(..., uncertainty=True) predicts it")
         white = self.white if reference is None and white is None else white
-        return plot_video(self.x, frames, reference, white, errors)
+        return plot_video(self.x, frames, reference, white, errors, colour=self.in_colour)
 
     def show(self, white: Any = None) -> Shown:
         """What a notebook shows of a result, with another white: a number, one a view, or "view" (see :meth:`export`).
@@ -218,7 +236,7 @@ class Result:
         rows = {"video": self._size(), "effort": self._effort(), "status": self.status.value}
         rows |= {key: str(self.settings[key]) for key in ("prior", "algorithm") if key in self.settings}
         rows |= {"scores": self._scores().removeprefix("; "), "remarks": "; ".join(self.remarks)}
-        return Shown(as_html(rows, self.x, whites(white, self._videos(), self.white)))
+        return Shown(as_html(rows, self.videos[0], whites(white, self.videos, self.white)))
 
     def export(self, path: str | Path, fps: float = 10, white: Any = None) -> None:
         """Write it for looking at, or as TIFF with its values.
@@ -228,8 +246,8 @@ class Result:
         path : path
             MP4, AVI or GIF: a film of 8 bits, the views side by side. PNG: one picture of 8 bits, frames from left to
             right, views below each other. TIFF: the values as float32 and unscaled, frames as T and views as channels,
-            for ImageJ, or with OME-XML as ``.ome.tif``. Several measurements follow one another, or lie below each
-            other in a PNG.
+            or red, green and blue of each view, for ImageJ, or with OME-XML as ``.ome.tif``. Several measurements
+            follow one another, or lie below each other in a PNG.
         fps : float
             Frames per second of a film, or in the metadata of a TIFF.
         white : float, sequence of V floats, or "view", optional
@@ -243,25 +261,26 @@ class Result:
         InputError
             If `fps` or `white` cannot be used.
         """
-        path, x = Path(path), self._videos()
+        path, x = Path(path), self.videos
         levels, fps, suffix = whites(white, x, self.white), positive_number("fps", fps), path.suffix.lower()
+        count, views, frames, rows, columns, *colours = x.shape
         if suffix in films_as_tiff.SUFFIXES:
+            stack = as_channels(x) if colours else x
             with replacing(path) as temporary:
-                films_as_tiff.save(temporary, x, fps, levels, films_as_tiff.is_ome(path))
+                levels = np.repeat(levels, stack.shape[1] // views)
+                films_as_tiff.save(temporary, stack, fps, levels, films_as_tiff.is_ome(path))
             return
-        shown = np.clip(x / levels[:, None, None, None], 0, 1).astype(np.float32)
-        _, views, frames, rows, columns = shown.shape
+        shown = np.clip(x / of_views(levels, x[0]), 0, 1).astype(np.float32)
         if suffix in _formats.VIDEO:
-            io.write_video(path, shown.transpose(0, 2, 3, 1, 4).reshape(-1, rows, views * columns), fps)
+            beside = np.moveaxis(shown, 1, 3).reshape(count * frames, rows, views * columns, *colours)
+            io.write_video(path, beside, fps)
         elif suffix == ".png":
-            io.write(path, shown.transpose(0, 1, 3, 2, 4).reshape(-1, frames * columns))
+            beside = np.moveaxis(shown, 2, 3).reshape(count * views * rows, frames * columns, *colours)
+            with replacing(path) as temporary:
+                save_png(temporary, beside, bool(colours))
         else:
             known = ", ".join(sorted({*_formats.VIDEO, *films_as_tiff.SUFFIXES, ".png"}))
             raise FormatError(f"{path}: cannot export as {suffix or 'a file without suffix'}; known are {known}")
-
-    def _videos(self) -> np.ndarray:
-        """X as (N, V, B, H, W)."""
-        return self.x if self.x.ndim == 5 else self.x[None]
 
     def __repr__(self) -> str:
         line = f"Result({self._size()}, {self._effort()}: {self.status.value}{self._scores()})"
@@ -281,9 +300,10 @@ class Result:
         return self.show()._repr_html_()
 
     def _size(self) -> str:
-        *several, views, frames, rows, columns = self.x.shape
-        count = f"{several[0]} videos of " if several else ""
-        return f"{count}{views} view{'s' * (views != 1)} x {frames} frames of {rows} x {columns}"
+        count, views, frames, rows, columns, *colours = self.videos.shape
+        videos = f"{count} videos of " if self._several else ""
+        colour = " in colour" * bool(colours)
+        return f"{videos}{views} view{'s' * (views != 1)} x {frames} frames of {rows} x {columns}{colour}"
 
     def _effort(self) -> str:
         last = self._last_records()

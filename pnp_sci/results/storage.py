@@ -14,6 +14,7 @@ from pnp_sci.formats import hdf5, mat, npz
 from pnp_sci.formats.child import apart
 from pnp_sci.formats.replacing import replacing
 from pnp_sci.results import in_zarr
+from pnp_sci.results.channels import as_channels, in_colour
 from pnp_sci.results.history import History, Status
 
 Arrays = dict[str, np.ndarray]
@@ -78,8 +79,13 @@ def as_json(value: Any) -> str:
 
 def _fields(parts: Mapping[str, Any]) -> dict[str, Any]:
     settings, x, status = json.loads(str(parts["settings"])), parts["x"], str(parts["status"])
+    colour = bool(settings.get("mosaic")) if isinstance(settings, dict) else False
     scenes = json.loads(str(parts["scenes"])) if "scenes" in parts else _earlier_scenes(parts["scene"])
-    if x.ndim not in (4, 5) or x.dtype.kind != "f" or not (isinstance(settings, dict) and isinstance(scenes, list)):
+    if (
+        x.ndim - colour not in (4, 5)
+        or x.dtype.kind != "f"
+        or not (isinstance(settings, dict) and isinstance(scenes, list))
+    ):
         raise FormatError(f"x is {x.dtype} {x.shape}, settings and scenes are {settings!r:.40} and {scenes!r:.40}")
     return {
         "x": x,
@@ -141,6 +147,10 @@ def _read_hdf5(path: Path) -> Mapping[str, Any]:
     return {key: part.tobytes().decode() if part.dtype == np.uint8 else part for key, part in parts.items()}
 
 
+def _in_colour(texts: Mapping[str, Any]) -> bool:
+    return bool(json.loads(str(texts["settings"])).get("mosaic"))
+
+
 def _parts(path: Path) -> dict[str, np.ndarray]:
     """Arrays and, as bytes, texts."""
     with hdf5.h5py().File(path, "r") as file:
@@ -149,6 +159,8 @@ def _parts(path: Path) -> dict[str, np.ndarray]:
 
 
 def _write_mat(path: Path, arrays: Arrays, texts: Texts) -> None:
+    if _in_colour(texts):  # rows and columns first in MATLAB, then colours
+        arrays = arrays | {"x": np.moveaxis(arrays["x"], -1, -3)}
     mat.save(path, arrays, texts | {"shape": json.dumps(arrays["x"].shape)})
 
 
@@ -157,19 +169,30 @@ def _read_mat(path: Path) -> Mapping[str, Any]:
     arrays, texts = mat.load(path), mat.load_texts(path)
     for name in {"x", "uncertainty"} & set(arrays):
         arrays[name] = np.ascontiguousarray(arrays[name]).reshape(json.loads(texts["shape"]))
+    if _in_colour(texts):
+        arrays["x"] = np.moveaxis(arrays["x"], -3, -1)
     return arrays | texts
+
+
+def _write_zarr(path: Path, arrays: Arrays, texts: Texts) -> None:
+    in_zarr.write(path, arrays | {"x": as_channels(arrays["x"])} if _in_colour(texts) else arrays, texts)
+
+
+def _read_zarr(path: Path) -> Mapping[str, Any]:
+    parts = in_zarr.read(path)
+    return {**parts, "x": in_colour(parts["x"])} if _in_colour(parts) else parts
 
 
 _WRITERS: dict[str, Callable[[Path, Arrays, Texts], None]] = {
     ".npz": _write_npz,
     **dict.fromkeys((".h5", ".hdf5"), _write_hdf5),
     ".mat": _write_mat,
-    ".zarr": in_zarr.write,
+    ".zarr": _write_zarr,
 }
 _READERS: dict[str, Callable[[Path], Mapping[str, Any]]] = {
     ".npz": _read_npz,
     **dict.fromkeys((".h5", ".hdf5"), _read_hdf5),
     ".mat": _read_mat,
-    ".zarr": in_zarr.read,
+    ".zarr": _read_zarr,
 }
 SUFFIXES = tuple(_WRITERS)

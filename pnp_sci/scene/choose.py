@@ -45,6 +45,7 @@ def choose_scene(
     problem : Problem
     careful : bool
         Whether estimates with optical flow decide where quick ones leave it open: for strong priors and networks.
+        They always do for mosaics, whose planes have too few pixels for quick ones.
     each_view : bool
         Whether single views that stand still beside others are looked for.
     until : float
@@ -55,7 +56,7 @@ def choose_scene(
     tv, flow = (registry.installed("priors", name) for name in (QUICK, CAREFUL))
     if scene == "full" or tv is None:
         return full(problem.op)
-    quick = tv(still=False)
-    if not careful or flow is None or min(problem.op.shape[2:]) < SMALLEST:
-        return judge(problem, quick, until=until)
+    quick, mosaic = tv(still=False), problem.balance is not None
+    if flow is None or min(problem.op.shape[2:]) < SMALLEST or not (careful or mosaic):
+        return full(problem.op) if mosaic else judge(problem, quick, until=until)
     return judge(problem, quick, flow(first=patience(problem.op) // 2, still=False, **asdict(TUNED)), each_view, until)

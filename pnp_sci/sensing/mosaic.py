@@ -15,6 +15,7 @@ import numpy as np
 
 from pnp_sci._validate import one_of
 from pnp_sci.errors import InputError
+from pnp_sci.sensing.operator import SensingOperator
 
 PATTERNS = ("RGGB", "BGGR", "GRBG", "GBRG")
 CELL = ((0, 0), (0, 1), (1, 0), (1, 1))  # rows and columns of the four pixels of a cell
@@ -22,6 +23,13 @@ CELL = ((0, 0), (0, 1), (1, 0), (1, 1))  # rows and columns of the four pixels o
 # after the cell, for its first and its second row or column. Linear ramps stay, the alternation of planes is removed.
 TO_CELL = (np.array([1, 10, 5]) / 16, np.array([5, 10, 1]) / 16)
 TO_PIXEL = (np.array([1, 3, 0]) / 4, np.array([0, 3, 1]) / 4)  # linear interpolation, from the cells to their pixels
+DARKEST = 0.05  # of the brightest colour: a colour that is fainter in the whole scene is not raised further
+
+
+def check_cells(name: str, shape: tuple[int, ...]) -> None:
+    """Raise an InputError if pictures (..., H, W) of this shape are no whole cells."""
+    if shape[-2] % 2 or shape[-1] % 2:
+        raise InputError(f"{name} has shape {shape}: even rows and columns were expected, in cells of 2 x 2 pixels")
 
 
 def planes(picture: np.ndarray) -> np.ndarray:
@@ -34,12 +42,12 @@ def planes(picture: np.ndarray) -> np.ndarray:
 
     Examples
     --------
+    >>> import numpy as np
     >>> planes(np.arange(16).reshape(4, 4))[:2, :2]
     array([[ 0,  2],
            [ 8, 10]])
     """
-    if picture.shape[-2] % 2 or picture.shape[-1] % 2:
-        raise InputError(f"picture has shape {picture.shape}: even rows and columns were expected, in cells of 2 x 2")
+    check_cells("picture", picture.shape)
     return np.concatenate(
         [np.concatenate([picture[..., i::2, j::2] for j in (0, 1)], axis=-1) for i in (0, 1)], axis=-2
     )
@@ -51,6 +59,12 @@ def interleaved(x: np.ndarray) -> np.ndarray:
     for (i, j), plane in zip(CELL, _quarters(x)):
         out[..., i::2, j::2] = plane
     return out
+
+
+def quarters(shape: tuple[int, ...]) -> list[tuple[slice, slice]]:
+    """Rows and columns of the four planes of pictures (..., H, W)."""
+    rows, columns = (n // 2 for n in shape[-2:])
+    return [(slice(i * rows, (i + 1) * rows), slice(j * columns, (j + 1) * columns)) for i, j in CELL]
 
 
 @dataclass(frozen=True)
@@ -66,6 +80,11 @@ class Mosaic:
     ------
     InputError
         If the pattern is another one.
+
+    References
+    ----------
+    D. Alleysson, S. Süsstrunk & J. Hérault, "Linear demosaicing inspired by the human visual system", IEEE TIP 14
+    (2005).
 
     Examples
     --------
@@ -92,12 +111,31 @@ class Mosaic:
             out[..., i::2, j::2] = video[..., i::2, j::2, colour]
         return out
 
+    def gains(self, y: np.ndarray, op: SensingOperator) -> np.ndarray:
+        """How bright each colour is beside the brightest, (3,): at most 1. y (..., H, W) and masks lie in planes.
+
+        The root mean square of y over that of the masks; masks that were measured through the filters have their part.
+        """
+        light = np.zeros((2, 3))
+        weights = op.masks.sum((0, 1), dtype=np.float64) ** 2 + op.gram
+        for colour, plane, weight in zip(self.colours, _quarters(y.astype(np.float64)), _quarters(weights)):
+            light[:, colour] += np.mean(plane**2), np.mean(weight)
+        brightness = np.sqrt(light[0] / np.maximum(light[1], np.finfo(float).tiny))
+        largest = brightness.max()
+        return np.maximum(brightness / largest, DARKEST) if largest > 0 else np.ones(3)
+
+    def spread(self, values: np.ndarray, shape: tuple[int, ...]) -> np.ndarray:
+        """A value for each colour (3,) as a picture (H, W) in planes."""
+        out = np.empty(shape[-2:], values.dtype)
+        for colour, plane in zip(self.colours, _quarters(out)):
+            plane[...] = values[colour]
+        return out
+
     def split(self, x: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Luma (V, B, H, W), in the order of the sensor, and chroma (2 V, B, H / 2, W / 2) of a video x in planes.
 
-        Chroma are the red-blue and the green-magenta contrast of each cell, both with the noise of a pixel. Luma is
-        what the mosaic has beyond the colour that they give each of its pixels (Alleysson, Süsstrunk & Hérault 2005),
-        so that :meth:`join` returns x whatever they are.
+        Chroma are the red-blue and the green-magenta contrast of each cell, both with weights of norm 1. Luma is
+        what the mosaic has beyond the colour that they give each of its pixels, so that :meth:`join` returns x.
         """
         at_cell = [_filtered(plane, TO_CELL[i], TO_CELL[j]) for (i, j), plane in zip(CELL, _quarters(x))]
         red, first, second, blue = (at_cell[k] for k in np.argsort(self.colours, kind="stable"))
@@ -142,8 +180,7 @@ def _by_colour(chroma: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
 
 def _quarters(x: np.ndarray) -> list[np.ndarray]:
     """The four planes (..., H / 2, W / 2) of x (..., H, W), views of it."""
-    rows, columns = (n // 2 for n in x.shape[-2:])
-    return [x[..., i * rows : (i + 1) * rows, j * columns : (j + 1) * columns] for i, j in CELL]
+    return [x[(..., *where)] for where in quarters(x.shape)]
 
 
 def _filtered(plane: np.ndarray, rows: np.ndarray, columns: np.ndarray) -> np.ndarray:

@@ -49,6 +49,8 @@ class Problem:
         Pixels in which y is only a lower bound of the light.
     bad : ndarray of bool, like y, optional
         Pixels in which nothing is known of the light: y and all masks are 0.
+    balance : ndarray, (H, W), optional
+        What the masks of each pixel of a mosaic were multiplied by, > 0.
     """
 
     op: SensingOperator
@@ -57,6 +59,7 @@ class Problem:
     noise: float | np.ndarray
     saturated: np.ndarray | None = None
     bad: np.ndarray | None = None
+    balance: np.ndarray | None = None
 
     @property
     def typical_noise(self) -> float:
@@ -66,6 +69,13 @@ class Problem:
         if noise.ndim and left_out and not np.logical_or.reduce(left_out).all():
             noise = noise[~np.logical_or.reduce(left_out)]
         return float(np.sqrt(np.mean(np.square(noise))))
+
+    def unbalanced(self) -> Problem:
+        """The problem of the same video with the masks as they were given."""
+        if self.balance is None:
+            return self
+        op = SensingOperator(self.op.masks / self.balance, self.op.dtype)
+        return replace(self, op=op, y=self.y / self.balance, noise=self.noise / self.balance, balance=None)
 
     def crop(self, where: tuple[slice, slice]) -> Problem:
         """The problem of a part of the picture, rows and columns."""

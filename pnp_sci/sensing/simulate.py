@@ -10,6 +10,7 @@ import numpy as np
 from pnp_sci._validate import finite_number, require_finite
 from pnp_sci.errors import InputError
 from pnp_sci.io import read_video
+from pnp_sci.sensing.mosaic import Mosaic, check_cells
 from pnp_sci.sensing.operator import SensingOperator
 from pnp_sci.sensing.problem import check_bad
 from pnp_sci.sensing.sensor import Sensor
@@ -23,6 +24,7 @@ def simulate(
     bits: int | None = None,
     peak: float | None = None,
     bad: Any = None,
+    mosaic: str | None = None,
 ) -> np.ndarray:
     """Simulate the measurement of a video through masks, with noise and quantisation.
 
@@ -34,6 +36,7 @@ def simulate(
     ----------
     video : array_like, (V, B, H, W) or (B, H, W), or a path
         In any units, which are those of the measurement. The planes of a file are divided among the views of `masks`.
+        With `mosaic` it is in colour, with another axis of 3 at the end.
     masks : array_like, (V, B, H, W) or (B, H, W)
     noise : float or Sensor
         Standard deviation of the noise relative to `peak`, >= 0; or the camera, in the units of the measurement.
@@ -46,6 +49,8 @@ def simulate(
         measurement. Not beside a Sensor.
     bad : array_like of bool, (H, W), optional
         Dead pixels, which read 0. For hot ones, assign their values to the result.
+    mosaic : "RGGB", "BGGR", "GRBG" or "GBRG", optional
+        The sensor's colour filters, from its first two pixels in the first row and in the second.
 
     Returns
     -------
@@ -72,10 +77,15 @@ def simulate(
     if peak is not None and not 0 < peak < np.inf:
         raise InputError(f"peak is {peak}: a finite number > 0 was expected")
     op = SensingOperator(masks)
-    x = read_video(video, views=op.shape[0]) if isinstance(video, (str, Path)) else np.asarray(video)
-    x = x[None] if x.ndim == 3 else x
-    if x.shape != op.shape:
-        raise InputError(f"video has shape {x.shape}, but masks {op.shape}: the same was expected")
+    colours = () if mosaic is None else (3,)
+    x = read_video(video, op.shape[0], None, bool(colours)) if isinstance(video, (str, Path)) else np.asarray(video)
+    x = x[None] if x.ndim == 3 + len(colours) else x
+    if x.shape != (*op.shape, *colours):
+        expected = f"{(*op.shape, *colours)} in colour" if colours else "the same"
+        raise InputError(f"video has shape {x.shape}, but masks {op.shape}: {expected} was expected")
+    if mosaic is not None:
+        check_cells("video", op.shape)
+        x = Mosaic(mosaic).sample(x)
     require_finite("video", x)
     y = op.forward(x)
     dead = check_bad(bad, y)

@@ -12,6 +12,7 @@ import numpy as np
 
 from pnp_sci.accel.arrays import length
 from pnp_sci.plugins.combine import FunctionPrior, Joint, begun
+from pnp_sci.plugins.mosaic import Mosaicked
 from pnp_sci.plugins.protocols import Prior, Traits
 from pnp_sci.plugins.torch_module import TorchPrior
 from pnp_sci.sensing.operator import SensingOperator
@@ -131,6 +132,8 @@ def _timed(prior: Prior, op: SensingOperator, y: np.ndarray, backend: Backend) -
 
 def _is_opaque(prior: Prior) -> bool:
     """Whether a function or a module is called."""
+    if isinstance(prior, Mosaicked):
+        return _is_opaque(prior.prior)
     return any(map(_is_opaque, prior.members)) if isinstance(prior, Joint) else isinstance(prior, OPAQUE)
 
 

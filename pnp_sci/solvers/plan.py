@@ -8,6 +8,7 @@ from typing import Any
 import numpy as np
 
 from pnp_sci.plugins.combine import Joint, Stages, Turn, serving, turns
+from pnp_sci.plugins.mosaic import Mosaicked
 from pnp_sci.plugins.protocols import Prior
 from pnp_sci.sensing.operator import SensingOperator
 from pnp_sci.solvers.effort import iterations_for
@@ -136,4 +137,6 @@ def make_plan(
 
 def _name(prior: Prior) -> str:
     """A word for a prior: its class, or those of its members."""
+    if isinstance(prior, Mosaicked):
+        return _name(prior.prior)
     return " + ".join(map(_name, prior.members)) if isinstance(prior, Joint) else type(prior).__name__

@@ -40,7 +40,7 @@ def test_solve_hands_on_every_option(monkeypatch, meas):
     monkeypatch.setattr(pnp_sci.api, "solve", recorded)
     arguments = (
         "--prior tv:6,wavelet:2 --algorithm admm --init zeros --effort fast --iterations 8 --noise 0.01"
-        " --time-budget 2 --threads 2 --seed 3 --register --sequence"
+        " --time-budget 2 --threads 2 --seed 3 --register --sequence --mosaic BGGR"
     )
     done = run("solve", meas, *arguments.split(), "--option", "inner=5", "--option", "mode=soft")
     assert done.exit_code == 0, done.output
@@ -57,6 +57,7 @@ def test_solve_hands_on_every_option(monkeypatch, meas):
         "seed": 3,
         "register": True,
         "sequence": True,
+        "mosaic": "BGGR",
         "device": None,
         "backend": None,
         "reference": None,
@@ -179,6 +180,22 @@ def test_consecutive_measurements_with_masks_of_their_own(here):
     assert done.exit_code == 0, done.output
     assert np.allclose(Result.load("one.npz").x, pnp_sci.api.solve(y[1], masks[1], iterations=4).x, atol=1e-5)
     assert "sequence is True" in fails(1, "solve", "film.npz", "--sequence", "--index", 1)
+
+
+@pytest.mark.parametrize("suffix", ["npz", "h5", "mat"])
+def test_colours_from_end_to_end(here, suffix):
+    """A colour film is measured, solved and scored; the result is in colour, and so is the picture of it."""
+    ramp = np.linspace(0.2, 1, 32)[:, None] * np.array([0.9, 0.6, 0.3])
+    io.write("video.npz", {"video": np.broadcast_to(ramp, (2, 3, 32, 32, 3)).astype(np.float32)})
+    raw = f"raw.{suffix}"
+    done = run("simulate", "video.npz", "--mosaic", "GRBG", "--out", raw)
+    assert done.exit_code == 0, done.output
+    done = run("solve", raw, "--mosaic", "GRBG", "--reference", raw, "--out", f"r.{suffix}", "--video", "r.png")
+    assert done.exit_code == 0, done.output
+    assert float(re.search(r"View 2: PSNR ([\d.]+) dB", done.output)[1]) > 25
+    back = Result.load(f"r.{suffix}")
+    assert back.x.shape == (2, 3, 32, 32, 3)
+    assert np.allclose(back.x.mean((0, 1, 2, 3)), ramp.mean(0), atol=0.05)
 
 
 @pytest.mark.parametrize("out", ["r.mat", "r.zarr"])
