@@ -73,6 +73,21 @@ def interactive() -> bool:
     return sys.stderr.isatty()
 
 
+def solver_options(command: Callable) -> Callable:
+    """Options of :func:`pnp_sci.solve` for a command that solves."""
+    prior = "One of `pnp-sci priors`, a+b, or stages a:60,b:20."
+    first = "First estimate; auto: a network's for learned priors."
+    for option in (
+        click.option("--iterations", type=click.IntRange(min=1), help="At most so many."),
+        click.option("--effort", default="balanced", show_default=True, help="fast, balanced or best."),
+        click.option("--init", default="auto", show_default=True, help=first),
+        click.option("--algorithm", default="gap", show_default=True, help="gap, plain-gap or admm."),
+        click.option("--prior", default="tv", show_default=True, help=prior),
+    ):
+        command = option(command)
+    return command
+
+
 def camera_options(command: Callable) -> Callable:
     """The options that :func:`camera` and :func:`bad_pixels` take, for a command."""
     bad = "Picture that is not 0 in bad pixels, which are not used; or auto: hot and dead ones are found."

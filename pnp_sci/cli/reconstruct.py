@@ -20,6 +20,7 @@ from pnp_sci.cli.inputs import (
     camera_options,
     interactive,
     pairs,
+    solver_options,
     stages,
 )
 
@@ -35,11 +36,7 @@ from pnp_sci.cli.inputs import (
 @click.option("--scheduler", metavar="ADDRESS", help="Solve on the cluster of this dask scheduler, not here.")
 @click.option("--preview", metavar="NAME", help="First quick results of all, by ofanet-fast, tv or another one.")
 @click.option("--sequence", type=click.IntRange(min=1), help="So many consecutive measurements are one video.")
-@click.option("--prior", default="tv", show_default=True, help="One of `pnp-sci priors`, a+b, or stages a:60,b:20.")
-@click.option("--algorithm", default="gap", show_default=True, help="gap, plain-gap or admm.")
-@click.option("--init", default="auto", show_default=True, help="First estimate; auto: a network's for learned priors.")
-@click.option("--effort", default="balanced", show_default=True, help="fast, balanced or best.")
-@click.option("--iterations", type=click.IntRange(min=1), help="At most so many.")
+@solver_options
 @camera_options
 @click.option("--register", is_flag=True, help="Move the masks to where each measurement has them.")
 @click.option("--time-budget", type=POSITIVE, help="Seconds for each chunk; results then vary from run to run.")

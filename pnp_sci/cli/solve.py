@@ -19,6 +19,7 @@ from pnp_sci.cli.inputs import (
     masks_for,
     one_of,
     pairs,
+    solver_options,
     stages,
     true_video,
     usable_truth,
@@ -34,11 +35,7 @@ from pnp_sci.cli.outputs import SAVED, SHOWN, White, named, print_scores, save_s
 @click.option("--key", help="Name of the measurement in its file, where it cannot be told.")
 @click.option("--masks-key", help="Name of the masks in their file, where it cannot be told.")
 @click.option("--index", type=click.IntRange(min=0), help="Of several measurements, this one (from 0).")
-@click.option("--prior", default="tv", show_default=True, help="One of `pnp-sci priors`, a+b, or stages a:60,b:20.")
-@click.option("--algorithm", default="gap", show_default=True, help="gap, plain-gap or admm.")
-@click.option("--init", default="auto", show_default=True, help="First estimate; auto: a network's for learned priors.")
-@click.option("--effort", default="balanced", show_default=True, help="fast, balanced or best.")
-@click.option("--iterations", type=click.IntRange(min=1), help="At most so many.")
+@solver_options
 @camera_options
 @click.option("--register", is_flag=True, help="First move the masks to where the measurement has them.")
 @click.option("--time-budget", type=click.FloatRange(min=0, min_open=True), help="Seconds to stop after.")

@@ -96,10 +96,12 @@ class Input:
         return self.mosaic.demosaic(videos) * self.balance.astype(videos.dtype)
 
     def modelled(self, init: Any) -> Any:
-        """A first estimate as the solver takes it: a colour video (..., B, H, W, 3) as a mosaic in planes."""
-        if self.mosaic is None or isinstance(init, str) or callable(init):
+        """A first estimate as the solver takes it: an array, a colour video (..., B, H, W, 3) as a mosaic in planes."""
+        if isinstance(init, str) or callable(init):
             return init
         video = real_array("init", init)
+        if self.mosaic is None:
+            return video
         if video.ndim not in (5, 6) or video.shape[-1] != 3:
             raise InputError(f"init has shape {video.shape}: a colour video (V, B, H, W, 3) was expected")
         return planes(self.mosaic.sample(video / self.balance))

@@ -133,6 +133,8 @@ def check_request(
         within = time_budget is not None
         prior = prior_within(time_budget / count / (1 + uncertainty), op.shape) if within else prior_for(effort)
         counted = "best" if within else effort
+    if getattr(init, "ndim", 0) == 5 and len(init) != count:
+        raise InputError(f"init has shape {init.shape}: one video, or {count} as there are measurements, was expected")
     made = as_prior(prior, device=device, seed=seed, **prior_options)
     name = describe(prior, made)
     if mosaic is not None:

@@ -15,7 +15,7 @@ from pnp_sci.sensing.sequence import SequenceOperator
 
 OVERLAP = 1  # measurements on either side that a window sees beyond those that are kept of it
 FEWEST = 2 * OVERLAP + 1  # measurements in a window
-MOST = 2**25  # values of x in a window: about 2 GB with the prior "flow" or "video"
+MOST = 2**25  # values of x in a window: about 3 GB with the prior "flow" or "video"
 
 
 @dataclass(frozen=True)

@@ -133,7 +133,7 @@ class _JointSession(Session):
         return _merged([session.facts() for session in self.sessions])
 
     def _mean(self, functions: Sequence[Callable[..., np.ndarray]], x: np.ndarray, sigma: float) -> np.ndarray:
-        mean = first = copied(functions[0](x, sigma))  # as: another member may return the same buffer
+        mean = first = copied(functions[0](x, sigma))  # another member may return the same buffer
         for function, share in zip(functions[1:], self.shares[1:]):
             # where all members return the same, so does the mean, to the last digit
             mean = mean + share * (function(x, sigma) - first)
@@ -234,9 +234,8 @@ class InTurn(Session):
 
     def __init__(self, order: Sequence[Turn], shape: tuple[int, ...], dtype: np.dtype, device: str | None = None):
         self.order, self.calls, self.now = order, 0, 0
-        self.sessions = [
-            begun(turn.prior, shape, dtype, device) for turn in order
-        ]  # all: what cannot begin is told at once
+        # all begin now: what cannot is told at once
+        self.sessions = [begun(turn.prior, shape, dtype, device) for turn in order]
 
     def __call__(self, v: np.ndarray, sigma: float, out: np.ndarray | None = None) -> np.ndarray:
         """Denoise with the prior whose turn it is."""

@@ -144,7 +144,11 @@ class TorchSensingOperator(torch.nn.Module):
         saturated: torch.Tensor | None = None,
     ) -> tuple[torch.Tensor, torch.Tensor]:
         """The multiplier of GAP and its move, as :meth:`pnp_sci.SensingOperator.multiplier`, (..., H, W)."""
-        return multiplier(self.gram, dual, residual, pace, rho, saturated)
+        after = (dual + pace * residual) * (self.gram / (self.gram + pace * rho))
+        after = torch.where(self.gram > 0, after, 0)
+        if saturated is not None:
+            after = torch.where(saturated & (after < 0), 0, after)
+        return after, (after - dual) / pace
 
     def _tensor(self, name: str, value: Any, shape: tuple[int, ...]) -> torch.Tensor:
         if not isinstance(value, torch.Tensor):
@@ -186,22 +190,4 @@ class TorchSequenceOperator:
         videos = zip(self.parts, split(x, len(self.parts)), y, rhos)
         return torch.cat([part.project(video, picture, weight) for part, video, picture, weight in videos], 1)
 
-    def multiplier(self, *arrays: Any) -> tuple[torch.Tensor, torch.Tensor]:
-        """As :meth:`TorchSensingOperator.multiplier`, for (N, H, W)."""
-        return multiplier(self.gram, *arrays)
-
-
-def multiplier(
-    gram: torch.Tensor,
-    dual: torch.Tensor,
-    residual: torch.Tensor,
-    pace: float,
-    rho: float | torch.Tensor,
-    saturated: torch.Tensor | None = None,
-) -> tuple[torch.Tensor, torch.Tensor]:
-    """The multiplier of GAP and its move, see :meth:`pnp_sci.SensingOperator.multiplier`; all (..., H, W)."""
-    after = (dual + pace * residual) * (gram / (gram + pace * rho))
-    after = torch.where(gram > 0, after, 0)
-    if saturated is not None:
-        after = torch.where(saturated & (after < 0), 0, after)
-    return after, (after - dual) / pace
+    multiplier = TorchSensingOperator.multiplier  # of (N, H, W): it needs no more than gram

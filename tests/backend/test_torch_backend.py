@@ -99,6 +99,18 @@ def test_noise_saturation_and_averages_are_treated_alike(scene):
         np.testing.assert_allclose(numba.history[-1].psnr, torch.history[-1].psnr, atol=0.01)
 
 
+@pytest.mark.parametrize("algorithm", ALGORITHMS)
+def test_sequences_are_treated_alike(scene, algorithm):
+    """Each measurement through masks of its own, one of them saturated."""
+    masks = np.stack([scene.masks, np.roll(scene.masks, 3, axis=-1), scene.masks])
+    y = np.stack([pnp_sci.simulate(scene.truth, own) for own in masks])
+    sensor = pnp_sci.Sensor(0.05, full_scale=float(np.quantile(y, 0.99)))
+    y = np.minimum(y, sensor.full_scale)
+    how = {"sequence": True, "iterations": 10, "scene": "full", "noise": sensor, "algorithm": algorithm}
+    numba, torch = (pnp_sci.solve(y, masks, backend=name, **how).x for name in ("numba", "torch"))
+    np.testing.assert_allclose(torch, numba, atol=2e-3)
+
+
 def test_a_prior_of_arrays_serves_tensors():
     """A function gets arrays of numpy, as by the other backend."""
     seen = []

@@ -96,6 +96,17 @@ def test_each_may_have_masks_of_its_own(film):
         solve(y, own, register=True)
 
 
+def test_each_may_have_a_first_estimate_of_its_own(film):
+    truth, masks, y = film
+    for sequence in (False, True, 3):
+        kept = solve(y, masks, "none", init=truth, iterations=1, sequence=sequence)
+        np.testing.assert_allclose(kept.x, truth, atol=1e-3)
+    with pytest.raises(InputError, match=r"init has shape \(3, 1, 6, 64, 64\): one video, or 4"):
+        solve(y, masks, init=truth[:3])
+    with pytest.raises(InputError, match="one video, or 1"):
+        solve(y[0], masks, init=truth)
+
+
 def test_a_still_film_has_one_frame_a_measurement():
     scene = pnp_sci.datasets.embedded_scene(64)
     still = np.repeat(scene.truth[:, :1], scene.masks.shape[1], 1)
