@@ -61,7 +61,7 @@ def solve(
     Parameters
     ----------
     y : array_like, (H, W) or (N, H, W)
-        The measurement, in any unit, or N of them taken with the same masks. Masked values are bad pixels.
+        The measurement, in any unit, or N of them. Masked values are bad pixels.
     masks : array_like, (V, B, H, W), (B, H, W) or (N, V, B, H, W), or SensingOperator
         Transmission for each view and frame, any real values; 3-D masks mean one view, 5-D those of each measurement.
     prior : str, Prior, callable, torch.nn.Module, or sequence of (prior, iterations)
@@ -87,14 +87,17 @@ def solve(
         White in the reference. By default 255 of uint8, 65535 of uint16, and 1 of floats that are not larger.
     callback : callable, optional
         Called with each `State` of what is modelled; a true value stops the solver, for all measurements.
-    progress, device, backend, threads, seed
-        Progress bar; where to run, as "cuda"; "torch" (default on devices) or "numba"; CPU threads; of random numbers.
+    device, backend : str, optional
+        Where to run, such as "cuda"; "torch", or "numba" on the CPU, which is the default there.
+    progress, threads, seed
+        Whether to show a bar; CPU threads at most; for priors that draw random numbers.
     register : bool or Registration
         First move the masks to where y has them, and subtract the black level: :func:`pnp_sci.register`.
     uncertainty : bool
         Whether to predict the error of each pixel, `Result.uncertainty`. It takes a second solve.
     sequence : bool or int
-        Whether measurements follow one another in time and are solved as one video; a number (>= 3): so many at once.
+        Whether measurements follow one another in time and are solved as one video. A number (>= 3) of them are solved
+        at once; by default as many as about 3 GB hold.
     mosaic : "RGGB", "BGGR", "GRBG" or "GBRG", optional
         The colour filters over the first pixels of two rows: y is raw, `x`, `init` and `reference` are in colour.
     **prior_options

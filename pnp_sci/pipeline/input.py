@@ -104,6 +104,7 @@ class Input:
             return video
         if video.ndim not in (5, 6) or video.shape[-1] != 3:
             raise InputError(f"init has shape {video.shape}: a colour video (V, B, H, W, 3) was expected")
+        check_cells("init", video.shape[:-1])
         return planes(self.mosaic.sample(video / self.balance))
 
     @property

@@ -146,9 +146,10 @@ def _first(
         first_estimate(request.init_of(n), problem, scene, network, request.device, deadline)
         for n, problem in zip(window.seen, problems)
     ]
-    remarks = list(dict.fromkeys(remark for start in first for remark in start.remarks))
+    names = {start.name for start in first}
+    remarks = next((start.remarks for start in first if start.remarks), [])
     x = joined([scene.restrict(start.x) for start in first])
-    return Start(first[0].name, x, all(start.decoded for start in first), remarks)
+    return Start(names.pop() if len(names) == 1 else "auto", x, all(start.decoded for start in first), remarks)
 
 
 def _found(scene: SceneModel, problem: Problem, facts: Mapping[str, Any], remarks: list[str]) -> dict[str, Any]:

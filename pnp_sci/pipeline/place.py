@@ -24,11 +24,13 @@ def backend_for(name: str | None, device: str | None) -> Backend:
     >>> backend_for(None, None).name, backend_for(None, "cpu").name
     ('numba', 'numba')
     """
+    elsewhere = device is not None and device.split(":")[0] != "cpu"
     if name is None:
-        name = "numba" if device is None or device.split(":")[0] == "cpu" else "torch"
+        name = "torch" if elsewhere else "numba"
     one_of("backend", name, NAMES)
-    if name == "numba":
+    if name == "numba" and not elsewhere:
         return NUMBA
-    with needed_for("backend 'torch'", "learned"):
+    with needed_for("backend 'torch'" if name == "torch" else f"device {device!r}", "learned"):
         from pnp_sci.solvers.torch_backend import TorchBackend
-    return TorchBackend.on(device)
+    placed = TorchBackend.on(device)  # an error if the device cannot be used
+    return placed if name == "torch" else NUMBA

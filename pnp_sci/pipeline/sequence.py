@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import time
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 from typing import Any
@@ -52,17 +53,19 @@ def windows(count: int, most: int) -> Iterator[Window]:
         begin = end
 
 
-def scene_of_all(scene: str | SceneModel, problems: Sequence[Problem], **options: Any) -> SceneModel:
+def scene_of_all(scene: str | SceneModel, problems: Sequence[Problem], until: float, **options: Any) -> SceneModel:
     """The model that every measurement allows; simpler than the full one only if all of them demand the same.
 
-    `options` are those of :func:`pnp_sci.scene.choose.choose_scene`.
+    `until` and `options` are those of :func:`pnp_sci.scene.choose.choose_scene`.
     """
     middle = len(problems) // 2
-    chosen = choose_scene(scene, problems[middle], **options)
+    chosen = choose_scene(scene, problems[middle], until=until, **options)
     if chosen.complete or isinstance(scene, SceneModel):
         return chosen
     for n, problem in enumerate(problems):
-        other = chosen if n == middle else choose_scene(scene, problem, **options)
+        if time.perf_counter() > until:
+            return full(problem.op, "there was no time to judge every measurement")
+        other = chosen if n == middle else choose_scene(scene, problem, until=until, **options)
         if (other.views, other.still) != (chosen.views, chosen.still):
             return full(problem.op, f"measurement {n + 1} needs another model than measurement {middle + 1}")
     return chosen

@@ -119,23 +119,45 @@ def reconstruct_in_tiles(
         else:
             outcomes.append(reconstruct(cropped, own, video, window=window, deadline=end, watch=watch))
         out[(..., *tile.kept)] = video[(..., *tile.inner)]
-    return _of_tiles(outcomes, window.of_kept(problems), out, window, truth)
+    sizes = [out[(0, 0, 0, *tile.kept)].size for tile in parts]
+    return _of_tiles(outcomes, sizes, window.of_kept(problems), out, window, truth)
 
 
 def _of_tiles(
-    outcomes: Sequence[Outcome], problems: Sequence[Problem], out: np.ndarray, window: Window, truth: Reference | None
+    outcomes: Sequence[Outcome],
+    sizes: Sequence[int],
+    problems: Sequence[Problem],
+    out: np.ndarray,
+    window: Window,
+    truth: Reference | None,
 ) -> Outcome:
-    """What has become of measurements whose tiles have these outcomes; PSNR is of the last iteration only."""
-    first = outcomes[0]
+    """What has become of measurements whose tiles have these outcomes and `sizes`; PSNR is of the last iteration only.
+
+    Parts that stand still and shares are means over all pixels, the plan is that of the first tile.
+    """
+    first, solved = outcomes[0], [outcome for outcome in outcomes if outcome.plan]
     norms = [float(np.linalg.norm([length(problem.y) for problem in outcome.problems])) for outcome in outcomes]
     records = merged([outcome.records for outcome in outcomes], norms)
-    scenes = [{**scene, **counts(problem)} for scene, problem in zip(first.scenes, problems)]
+    scenes = [_scene(each, sizes, problem) for each, problem in zip(zip(*(o.scenes for o in outcomes)), problems)]
+    starts = {outcome.start for outcome in solved}
+    start = starts.pop() if len(starts) == 1 else "auto"
+    shares = np.average([o.shares for o in solved], axis=0, weights=sizes[: len(solved)]).tolist() if solved else []
     if truth:
         scores = [(truth.psnr(video, n), truth.ssim(video, n)) for n, video in zip(window.kept, out)]
         psnr, ssim = np.mean(scores, axis=0).tolist()
         records[-1] = replace(records[-1], psnr=psnr, ssim=ssim)
     status = Status.worst([outcome.status for outcome in outcomes])
-    return replace(first, problems=list(problems), status=status, records=records, scenes=scenes)
+    return replace(
+        first, problems=list(problems), status=status, records=records, scenes=scenes, start=start, shares=shares
+    )
+
+
+def _scene(tiles: Sequence[dict[str, Any]], sizes: Sequence[int], problem: Problem) -> dict[str, Any]:
+    """What was found of a scene in all tiles."""
+    rests = list(zip(*(scene["at_rest"] for scene in tiles)))  # of each view
+    at_rest = [None if None in rest else round(float(np.average(rest, weights=sizes)), 3) for rest in rests]
+    remarks = list(dict.fromkeys(remark for scene in tiles for remark in scene["remarks"]))
+    return {**tiles[0], **counts(problem), "at_rest": at_rest, "remarks": remarks}
 
 
 def merged(courses: Sequence[Sequence[Record]], norms: Sequence[float]) -> list[Record]:

@@ -254,13 +254,12 @@ class InTurn(Session):
 
 def begun(prior: Prior, shape: tuple[int, ...], dtype: np.dtype, device: str | None = None) -> Session:
     """A session of a prior; on a device one that takes tensors, with copies to the CPU and back where it must."""
-    if device is not None:
-        session = prior.begin_on(shape, dtype, device) if isinstance(prior, DevicePrior) else None
-        return OnHost(begun(prior, shape, dtype)) if session is None else session
-    session = prior.begin(shape, dtype)
+    on_tensors = prior.begin_on(shape, dtype, device) if device and isinstance(prior, DevicePrior) else None
+    session = prior.begin(shape, dtype) if on_tensors is None else on_tensors
     if not isinstance(session, Session):
-        raise InputTypeError(f"prior: begin of {type(prior).__name__} returns {session!r}: a Session was expected")
-    return session
+        method = "begin" if on_tensors is None else "begin_on"
+        raise InputTypeError(f"prior: {method} of {type(prior).__name__} returns {session!r}: a Session was expected")
+    return OnHost(session) if device and on_tensors is None else session
 
 
 def _merged(all_facts: Sequence[Mapping[str, Any]]) -> Mapping[str, Any]:

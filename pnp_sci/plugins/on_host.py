@@ -7,6 +7,7 @@ from typing import Any
 
 import numpy as np
 
+from pnp_sci._validate import shaped
 from pnp_sci.plugins.protocols import Session
 
 
@@ -40,5 +41,6 @@ def _through(function: Callable[[np.ndarray], Any], tensor: Any) -> Any:
     """The tensor that a function of arrays makes of a tensor, which stays as it is."""
     import torch
 
-    made = np.ascontiguousarray(function(tensor.numpy(force=True).copy()))
+    array = tensor.numpy(force=True).copy()
+    made = shaped("what the prior returns", function(array), array.shape, array.dtype)
     return torch.from_numpy(made).to(tensor)

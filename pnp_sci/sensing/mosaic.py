@@ -2,8 +2,8 @@
 
 A pixel of y sees one colour of the scene. So the raw picture of the scene, its mosaic, obeys the same equation as a
 grey video. Within the solver a mosaic lies in planes: four quarters, each with the pixels of one place of the cells of
-2 x 2 pixels. Neighbours in a plane have the same colour, which holds for whatever looks at neighbours. Masks and videos
-may change their order of pixels together.
+2 x 2 pixels. Neighbours in a plane have the same colour, as rules that compare neighbours need it.
+The equation stays the same when pixels of y, masks and video change their order together.
 """
 
 from __future__ import annotations
@@ -51,14 +51,6 @@ def planes(picture: np.ndarray) -> np.ndarray:
     return np.concatenate(
         [np.concatenate([picture[..., i::2, j::2] for j in (0, 1)], axis=-1) for i in (0, 1)], axis=-2
     )
-
-
-def interleaved(x: np.ndarray) -> np.ndarray:
-    """The mosaic (..., H, W) of x in planes; the inverse of :func:`planes`."""
-    out = np.empty_like(x)
-    for (i, j), plane in zip(CELL, _quarters(x)):
-        out[..., i::2, j::2] = plane
-    return out
 
 
 def quarters(shape: tuple[int, ...]) -> list[tuple[slice, slice]]:
@@ -114,7 +106,7 @@ class Mosaic:
     def gains(self, y: np.ndarray, op: SensingOperator) -> np.ndarray:
         """How bright each colour is beside the brightest, (3,): at most 1. y (..., H, W) and masks lie in planes.
 
-        The root mean square of y over that of the masks; masks that were measured through the filters have their part.
+        The root mean square of y over that of the masks, as masks may have been measured through the filters.
         """
         light = np.zeros((2, 3))
         weights = op.masks.sum((0, 1), dtype=np.float64) ** 2 + op.gram

@@ -199,11 +199,10 @@ class SensingOperator:
         from scipy.sparse import linalg
 
         make: Any = linalg.LinearOperator  # type checkers see an abstract class
-        pixels = self.shape[2] * self.shape[3]
         return make(
-            (pixels, int(np.prod(self.shape))),
+            (int(np.prod(self.pictures)), int(np.prod(self.shape))),
             matvec=lambda x: self.forward(np.reshape(x, self.shape)).ravel(),
-            rmatvec=lambda y: self.adjoint(np.reshape(y, self.shape[2:])).ravel(),
+            rmatvec=lambda y: self.adjoint(np.reshape(y, self.pictures)).ravel(),
             dtype=self.dtype,
         )
 

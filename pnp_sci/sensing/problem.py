@@ -150,8 +150,8 @@ def without(op: SensingOperator, bad: np.ndarray | None) -> SensingOperator:
 
 def check_operators(masks: Any, y: np.ndarray) -> tuple[list[SensingOperator], float]:
     """As :func:`check_operator`, for the masks of all measurements or, (N, V, B, H, W), of each: one or N operators."""
-    array = masks if isinstance(masks, SensingOperator) else real_array("masks", masks)
-    if isinstance(array, SensingOperator) or array.ndim != 5:
+    array = masks.masks if isinstance(masks, SensingOperator) else real_array("masks", masks)
+    if array.ndim != 5:
         op, largest = check_operator(array, y)
         return [op], largest
     if len(array) != len(y):

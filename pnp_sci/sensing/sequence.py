@@ -8,7 +8,7 @@ from typing import Any
 
 import numpy as np
 
-from pnp_sci.errors import InputError
+from pnp_sci.errors import InputError, InputTypeError
 from pnp_sci.sensing.operator import SensingOperator
 
 
@@ -34,8 +34,8 @@ class SequenceOperator(SensingOperator):
 
     Raises
     ------
-    InputError
-        If there are no parts, or they differ in shape or dtype.
+    InputError, InputTypeError
+        If there are no parts, they differ in shape or dtype, or are no operators.
 
     Examples
     --------
@@ -46,10 +46,14 @@ class SequenceOperator(SensingOperator):
     """
 
     def __init__(self, parts: Sequence[SensingOperator]):
+        parts = tuple(parts)
+        for part in parts:
+            if not isinstance(part, SensingOperator):
+                raise InputTypeError(f"parts has {type(part).__name__}: operators were expected")
         kinds = {(part.shape, part.dtype) for part in parts}
         if len(kinds) != 1:
             raise InputError(f"parts has operators of {len(kinds)} shapes and types: one was expected")
-        self._parts = tuple(parts)
+        self._parts = parts
         views, frames, *picture = parts[0].shape
         self.shape, self.dtype = (views, len(parts) * frames, *picture), parts[0].dtype  # type: ignore[assignment]
 
@@ -60,6 +64,11 @@ class SequenceOperator(SensingOperator):
     def parts(self) -> tuple[SensingOperator, ...]:
         """The operators of the single measurements."""
         return self._parts
+
+    @property
+    def masks(self) -> np.ndarray:  # type: ignore[override]
+        """Those of each measurement, (N, V, B, H, W), as a new array."""
+        return np.stack([part.masks for part in self.parts])
 
     @property
     def pictures(self) -> tuple[int, ...]:

@@ -61,7 +61,7 @@ class OfTensors:
     def remaining(self) -> torch.Tensor:
         """Factor of the averages on the standard deviation of white noise (V, B, H, W)."""
         shape = self.weights.shape
-        frames = self.pairs.pairs[-1][1] + 1 if self.pairs.steps[-1] > 0 else 1
+        frames = self.pairs.pairs[-1][1] + 1
         total = self.weights.new_ones((shape[0], frames, *shape[2:]))
         squares = total.clone()
         for p, b, _ in self.pairs.slices():

@@ -8,7 +8,7 @@ import pytest
 from operators_and_priors import learned
 
 import pnp_sci
-from pnp_sci.errors import InputError
+from pnp_sci.errors import InputError, InputTypeError
 from pnp_sci.plugins.combine import begun
 from pnp_sci.plugins.on_host import OnHost
 from pnp_sci.solvers.iterate import ALGORITHMS
@@ -80,7 +80,7 @@ def test_priors_of_motion_are_not_worse_than_with_numba(prior, scene):
     how = {"init": "adjoint", "first": 20, "iterations": 30}
     results = [pnp_sci.solve(scene.y, scene.masks, prior, backend=name, **how) for name in ("numba", "torch")]
     numba, torch = (pnp_sci.psnr(result.x, scene.truth).mean() for result in results)
-    assert -0.05 < torch - numba < 0.3
+    assert -0.05 < torch - numba < 0.15
 
 
 def test_noise_saturation_and_averages_are_treated_alike(scene):
@@ -108,7 +108,7 @@ def test_sequences_are_treated_alike(scene, algorithm):
     y = np.minimum(y, sensor.full_scale)
     how = {"sequence": True, "iterations": 10, "scene": "full", "noise": sensor, "algorithm": algorithm}
     numba, torch = (pnp_sci.solve(y, masks, backend=name, **how).x for name in ("numba", "torch"))
-    np.testing.assert_allclose(torch, numba, atol=2e-3)
+    np.testing.assert_allclose(torch, numba, atol=2e-4)
 
 
 def test_a_prior_of_arrays_serves_tensors():
@@ -120,6 +120,9 @@ def test_a_prior_of_arrays_serves_tensors():
         return x / 2
 
     prior = pnp_sci.as_prior(halve)
+    for wrong in (lambda x, sigma: None, lambda x, sigma: x + 1j, lambda x, sigma: x[:1, :1]):
+        with pytest.raises((InputError, InputTypeError), match="what the prior returns"):
+            begun(pnp_sci.as_prior(wrong), (1, 2, 4, 4), np.dtype("f4"), "cpu")(torch.ones(1, 2, 4, 4), 0.1)
     session = begun(prior, (1, 2, 4, 4), np.dtype("f4"), "cpu")
     v = torch.ones(1, 2, 4, 4)
     assert isinstance(session, OnHost)
@@ -144,7 +147,11 @@ def test_a_budget_of_time_is_kept(scene):
 
 @pytest.mark.parametrize("prior", ["tv", "wavelet", "none"])
 def test_a_device_that_cannot_be_used_is_told(prior, scene):
-    for how in ({"device": "nonsense"}, {"device": "nonsense", "backend": "torch"}):
+    for how in (
+        {"device": "nonsense"},
+        {"device": "nonsense", "backend": "torch"},
+        {"device": "nonsense", "backend": "numba"},
+    ):
         with pytest.raises(InputError, match=r"device.*nonsense"):
             pnp_sci.solve(scene.y, scene.masks, prior, **how)
     with pytest.raises(InputError, match="backend"):

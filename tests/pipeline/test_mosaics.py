@@ -1,6 +1,7 @@
 """Mosaics from the raw measurement to the colour video."""
 
 from functools import cache
+from importlib.util import find_spec
 
 import numpy as np
 import pytest
@@ -89,6 +90,23 @@ def test_several_measurements_alone_and_as_one_video():
     assert apart[1].x.shape == truth.shape
     np.testing.assert_allclose(apart.x[0], apart.x[1])
     assert pnp_sci.solve(both, masks, mosaic="RGGB", sequence=True, iterations=5).x.shape == (2, *truth.shape)
+
+
+def test_a_sequence_gains_in_colour_and_on_tensors_as_well():
+    _, masks, truth = measured()
+    film = [truth, truth[:, ::-1], truth]  # there and back
+    ys = np.stack([pnp_sci.simulate(video, masks, mosaic="RGGB") for video in film])
+    how = {"mosaic": "RGGB", "iterations": 80, "scene": "full"}
+    apart, together = (pnp_sci.solve(ys, masks, sequence=sequence, **how).x for sequence in (False, True))
+    error = [np.mean((x - np.stack(film)) ** 2) for x in (apart, together)]
+    assert error[1] < 0.98 * error[0]
+    if find_spec("torch"):
+        tensors = pnp_sci.solve(ys, masks, sequence=True, backend="torch", **how).x
+        np.testing.assert_allclose(tensors, together, atol=1e-3)
+    first = np.stack(film)
+    for sequence in (False, 3):
+        kept = pnp_sci.solve(ys, masks, "none", init=first, mosaic="RGGB", iterations=1, sequence=sequence)
+        np.testing.assert_allclose(Mosaic("RGGB").sample(kept.x), Mosaic("RGGB").sample(first), atol=1e-3)
 
 
 def test_a_first_estimate_is_in_colour():

@@ -10,7 +10,7 @@ from operators_and_priors import OPERATORS
 
 import pnp_sci
 from pnp_sci import SensingOperator, SequenceOperator
-from pnp_sci.errors import InputError
+from pnp_sci.errors import InputError, InputTypeError
 from pnp_sci.sensing.sequence import joined, split
 from pnp_sci.testing import check_operator
 
@@ -56,3 +56,16 @@ def test_it_can_be_iterated():
         course = pnp_sci.iterate(op, y, "none", np.zeros(op.shape), algorithm=algorithm)
         last = list(itertools.islice(course, 4))[-1]
         assert np.abs(last.residual).max() < 1e-3 * y.max()
+
+
+def test_it_is_an_operator_everywhere():
+    """For scipy's solvers, and instead of masks."""
+    random = np.random.default_rng(0)
+    op = SequenceOperator([SensingOperator(random.random((2, 3, 8, 8))) for _ in range(3)])
+    linear, x, y = op.linear_operator(), random.random(op.shape), random.random(op.pictures)
+    np.testing.assert_allclose(linear.matvec(x.ravel()), op.forward(x).ravel())
+    np.testing.assert_allclose(linear.rmatvec(y.ravel()), op.adjoint(y).ravel())
+    by_masks, by_op = (pnp_sci.solve(y, masks, iterations=3) for masks in (op.masks, op))
+    np.testing.assert_array_equal(by_masks.x, by_op.x)
+    with pytest.raises(InputTypeError, match="parts has ndarray"):
+        SequenceOperator(op.masks)
