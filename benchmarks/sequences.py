@@ -15,7 +15,8 @@ import numpy as np
 import pnp_sci
 from pnp_sci.datasets import singleview
 
-RUNS = 2  # of each, alternating; the first compiles
+RUNS = 4  # of each, alternating; the first compiles and does not count
+WINDOWS = 3, 4  # measurements
 
 
 def jump(x: np.ndarray) -> float:
@@ -54,5 +55,22 @@ def main() -> None:
             )
 
 
+def windows(priors: list[str]) -> None:
+    """All measurements of a set together, and in windows."""
+    print("\n| scene | prior | one window | " + " | ".join(f"windows of {n}" for n in WINDOWS) + " |")
+    print("| --- | --- | --- |" + " --- |" * len(WINDOWS))
+    for name in ("traffic", "runner"):
+        scene = singleview(name)
+        y, truth = np.asarray(scene.y), np.asarray(scene.truth)
+        for prior in priors:
+            videos = [pnp_sci.solve(y, scene.masks, prior, sequence=n).x for n in (True, *WINDOWS)]
+            scores = [np.mean([pnp_sci.psnr(*pair) for pair in zip(x, truth)]) for x in videos]
+            print(
+                f"| {name}, {len(y)} measurements | {prior} | " + " | ".join(f"{s:.2f}" for s in scores) + " |",
+                flush=True,
+            )
+
+
 if __name__ == "__main__":
     main()
+    windows(sys.argv[1].split(",") if len(sys.argv) > 1 else ["tv", "flow"])

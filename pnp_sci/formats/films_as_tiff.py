@@ -18,16 +18,16 @@ def is_ome(path: Path) -> bool:
     return Path(path.stem).suffix.lower() == ".ome"
 
 
-def save(path: Path, x: np.ndarray, fps: float, white: np.ndarray, ome: bool) -> None:
+def save(path: Path, x: np.ndarray, fps: float, white: np.ndarray, ome: bool, colour: bool) -> None:
     """Write videos (N, V, B, H, W) as float32, axes TCYX, one measurement after the other in T.
 
-    `white` (V,) is what ImageJ first shows as white; the values stay.
+    `white` (V,) is what ImageJ first shows as white; the values stay. With `colour` views are red, green and blue of each.
     """
     import tifffile
 
     views = x.shape[1]
     stack = np.ascontiguousarray(x.swapaxes(1, 2).reshape(-1, views, *x.shape[3:]), np.float32)
-    names = [f"view {view + 1}" for view in range(views)]
+    names = [f"view {view // 3 + 1} {'RGB'[view % 3]}" if colour else f"view {view + 1}" for view in range(views)]
     if ome or stack.shape[-1] == 1:  # tifffile would read a single column for ImageJ as colour samples
         channels = {"Channel": {"Name": names}} if views > 1 else {}
         times = {"TimeIncrement": 1 / fps, "TimeIncrementUnit": "s"}

@@ -268,7 +268,7 @@ class Result:
             stack = as_channels(x) if colours else x
             with replacing(path) as temporary:
                 levels = np.repeat(levels, stack.shape[1] // views)
-                films_as_tiff.save(temporary, stack, fps, levels, films_as_tiff.is_ome(path))
+                films_as_tiff.save(temporary, stack, fps, levels, films_as_tiff.is_ome(path), bool(colours))
             return
         shown = np.clip(x / of_views(levels, x[0]), 0, 1).astype(np.float32)
         if suffix in _formats.VIDEO:
