@@ -21,7 +21,7 @@ def is_ome(path: Path) -> bool:
 def save(path: Path, x: np.ndarray, fps: float, white: np.ndarray, ome: bool, colour: bool) -> None:
     """Write videos (N, V, B, H, W) as float32, axes TCYX, one measurement after the other in T.
 
-    `white` (V,) is what ImageJ first shows as white; the values stay. With `colour` views are red, green and blue of each.
+    `white` (V,) is what ImageJ first shows as white; the values stay. With `colour` three channels are a view.
     """
     import tifffile
 
