@@ -57,7 +57,7 @@ class Reference:
     def remarks(self, x: np.ndarray, n: int) -> list[str]:
         """What is to be said of measurement n where x and the reference are in different units."""
         begin = time.perf_counter()
-        truth, video = self.array[n].astype(np.float64), self.shown(x).astype(np.float64)
+        truth, video = (a.astype(np.float64) / self.white for a in (self.array[n], self.shown(x)))
         gain = float((video * truth).sum() / max((truth**2).sum(), np.finfo(float).tiny))
         told = [] if 1 / OTHER_UNITS < gain < OTHER_UNITS or not truth.any() else [self._other_units(video, n, gain)]
         self.seconds += time.perf_counter() - begin
@@ -66,7 +66,7 @@ class Reference:
     def _other_units(self, x: np.ndarray, n: int, gain: float) -> str:
         text = f"the result is {gain:.3g} times the reference, so that PSNR and SSIM say nothing of its quality"
         if gain > 0:
-            fitted = float(np.mean(psnr(x / (gain * self.white), self.array[n] / self.white)))
+            fitted = float(np.mean(psnr(x / gain, self.array[n] / self.white)))
             text += f": with this gain divided out, PSNR is {fitted:.2f} dB"
         return text + "; give a reference in the units of y over those of the masks"
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import sys
 import time
 from collections.abc import Callable, Hashable
 from dataclasses import dataclass, field
@@ -80,7 +81,7 @@ def first_estimate(
             x = real_array("init", init) / np.float64(problem.unit)
     x = _checked(x, problem)
     residual = length(missing(problem.y - problem.op.forward(x), problem.saturated)) / (length(problem.y) or 1.0)
-    if problem.y.any() and residual > EXPLODED:
+    if not residual <= (EXPLODED if problem.y.any() else sys.float_info.max):
         raise InputError(f"init leaves {residual:.3g} times y as residual: an estimate in the units of y was expected")
     return Start(type(init).__name__, x)
 

@@ -214,7 +214,8 @@ class SensingOperator:
         rho = self._array("rho", rho, self.shape[2:]) if np.ndim(rho) else float(rho)
         if not np.min(rho) >= 0:
             raise InputError(f"rho is {np.min(rho)}: a number >= 0 was expected")
-        total = (self.gram + np.asarray(rho, self.dtype)).reshape(-1)
+        with np.errstate(over="ignore"):  # an infinite rho keeps x
+            total = (self.gram + np.asarray(rho, self.dtype)).reshape(-1)
         weight = np.divide(1, total, out=np.zeros_like(total), where=total >= np.finfo(self.dtype).tiny)
         if np.ndim(rho) == 0:
             self._last_weight = rho, weight

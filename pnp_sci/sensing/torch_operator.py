@@ -128,8 +128,9 @@ class TorchSensingOperator(torch.nn.Module):
             raise InputError(f"rho is {smallest}: a number >= 0 was expected")
         x, y = self._tensor("x", x, self.shape), self._tensor("y", y, self.shape[2:])
         batch = torch.broadcast_shapes(x.shape[:-4], y.shape[:-2])
-        if isinstance(rho, torch.Tensor) and rho.ndim and rho.shape == batch:
-            rho = rho[..., None, None]
+        if isinstance(rho, torch.Tensor):
+            rho = rho.to(self.gram)
+            rho = rho[..., None, None] if rho.ndim and rho.shape == batch else rho
         total = self.gram + rho
         alive = total > 0
         weight = alive / torch.where(alive, total, 1)
@@ -144,6 +145,7 @@ class TorchSensingOperator(torch.nn.Module):
         saturated: torch.Tensor | None = None,
     ) -> tuple[torch.Tensor, torch.Tensor]:
         """The multiplier of GAP and its move, as :meth:`pnp_sci.SensingOperator.multiplier`, (..., H, W)."""
+        rho = rho.to(self.gram) if isinstance(rho, torch.Tensor) else rho
         after = (dual + pace * residual) * (self.gram / (self.gram + pace * rho))
         after = torch.where(self.gram > 0, after, 0)
         if saturated is not None:

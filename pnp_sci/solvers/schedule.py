@@ -93,7 +93,6 @@ def schedule_for(op: SensingOperator, noise: float | np.ndarray, sigma: float | 
     """
     gram, frames = float(np.mean(op.gram)), op.parts[0].shape[0] * op.parts[0].shape[1]
     product = _product(noise, gram, frames) if gram > 0 else 0.0
-    product = product.astype(op.dtype) if isinstance(product, np.ndarray) else product
     mean = float(np.mean(product))
     if sigma is not None:
         return Schedule(product, sigma, sigma)
