@@ -57,7 +57,7 @@ SERVES = {
     "priors.networks.along_motion": (("video",), "moving noise"),
     "priors.video": (("video",), "moving noise"),
     "priors.both": (("both",), "moving noise"),
-    "ofanet_init.decoder": (("decode:ofanet-fast",), "moving noise"),
+    "ofanet_init.prepared": (("decode:ofanet-fast",), "moving noise"),
 }
 ALSO = {"pnp_sci.solvers.schedule.sigma": "moving"}
 ONLY = {"priors.tv.warmup": STRONG, "pnp_sci.solvers.effort.plain": ("tv",)}

@@ -4,16 +4,13 @@ from __future__ import annotations
 
 import logging
 from dataclasses import dataclass
-from functools import cache
 
 import numpy as np
 import torch
 
-from ofanet_init import files as _weights
 from ofanet_init.network import OFaNet
-from pnp_sci._tuned import Tuned
-from pnp_sci.accel.inference import ready, running, usable
-from pnp_sci.errors import InputError
+from ofanet_init.prepared import in_units_of, projected, tensors, trained
+from pnp_sci.accel.inference import running, usable
 from pnp_sci.pipeline.blend import TUNED as BLEND
 from pnp_sci.plugins.protocols import Decoder
 from pnp_sci.sensing.problem import Problem
@@ -23,16 +20,6 @@ ROWS = 512  # rows that the separator decodes at a time, which bounds its memory
 MARGIN = 64  # rows added on either side: the receptive field of the separator
 
 _log = logging.getLogger("pnp_sci")
-
-
-@dataclass(frozen=True)
-class DecoderNumbers(Tuned):
-    """Scaling from the problem's units to those of the network."""
-
-    brightness: float = 0.8  # value of the problem's unit in units of the training clips, in which white is 1
-
-
-TUNED = DecoderNumbers()
 
 
 @dataclass(frozen=True)
@@ -78,10 +65,8 @@ class OFaNetDecoder(Decoder):
             If there are no weights for so many views and frames, a mask is negative, or the device cannot be used.
         """
         op = problem.op
-        if op.masks.min() < 0:
-            raise InputError("masks has negative values: OFaNet needs masks >= 0")
         place = usable(self.device)
-        network = _network(*op.shape[:2], place)
+        network = trained(OFaNet.model, *op.shape[:2], place)
         refine = self.refine and not scene.nothing_moves
         if refine and not network.refiners:
             _log.warning("OFaNet has no refine net for %d x %d frames: its separator decodes alone", *op.shape[:2])
@@ -125,37 +110,20 @@ def ofanet_fast(device: str | None = None) -> OFaNetDecoder:
 
 
 def _decoded(network: OFaNet, problem: Problem, place: torch.device, refine: bool) -> np.ndarray:
-    op, y, noise = problem.op, problem.y, problem.typical_noise
-    largest = float(op.masks.max()) or 1.0
+    op = problem.op
     # one pass where the noise of a pixel exceeds the network's errors
-    passes = 1 if noise > BLEND.loud * np.sqrt(op.gram.mean()) else None
+    passes = 1 if problem.typical_noise > BLEND.loud * np.sqrt(op.gram.mean()) else None
 
     def estimate(rows: slice) -> np.ndarray:
-        masks = torch.from_numpy(op.masks[:, :, rows].astype(np.float32) / np.float32(largest))[None].to(place)
-        measurement = torch.from_numpy((y[rows] * (TUNED.brightness / largest)).astype(np.float32))[None].to(place)
         with running(place):
-            estimates = network(measurement, masks, refine, orders=op.shape[0], passes=passes)
-            return estimates.refined[0].float().cpu().numpy() / np.float32(TUNED.brightness)
+            video = network(*tensors(problem, place, rows), refine, orders=op.shape[0], passes=passes).refined
+        return in_units_of(problem, video)
 
     if refine and network.refiners:  # optical flow needs whole frames
-        x = estimate(slice(None)).astype(op.dtype)
-    else:
-        x = np.empty(op.shape, op.dtype)
-        for top in range(0, len(y), ROWS):
-            before = min(top, MARGIN)
-            part = estimate(slice(top - before, top + ROWS + MARGIN))[:, :, before:]
-            x[:, :, top : top + ROWS] = part[:, :, :ROWS]
-    return op.project(x, y, (noise / BLEND.loud) ** 2)
-
-
-@cache
-def _network(views: int, frames: int, device: torch.device) -> OFaNet:
-    path = _weights.FOLDER / f"v{views}b{frames}.safetensors"
-    if not path.is_file():
-        known = ", ".join(sorted(f.stem[1:].replace("b", " x ") for f in _weights.FOLDER.glob("*.safetensors")))
-        raise InputError(
-            f"masks has {views} x {frames} frames: OFaNet has weights for {known or 'none'} (views x frames); "
-            "others can be trained with 'python -m ofanet_init.train'"
-        )
-    network, _ = _weights.load(path)
-    return ready(network, device)
+        return projected(problem, estimate(slice(None)))
+    x = np.empty(op.shape, op.dtype)
+    for top in range(0, op.shape[2], ROWS):
+        before = min(top, MARGIN)
+        part = estimate(slice(top - before, top + ROWS + MARGIN))[:, :, before:]
+        x[:, :, top : top + ROWS] = part[:, :, :ROWS]
+    return projected(problem, x)

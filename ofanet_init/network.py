@@ -39,6 +39,8 @@ class OFaNet(nn.Module):
     torch.Size([1, 2, 4, 16, 16])
     """
 
+    model = "ofanet"
+
     def __init__(self, config: OFaNetConfig):
         super().__init__()
         self.config = config

@@ -8,9 +8,9 @@ import click
 import torch
 
 from ofanet_init import files as _weights
+from ofanet_init.compared.config import ComparedConfig
 from ofanet_init.config import FLOWS, REFINES, OFaNetConfig
-from ofanet_init.network import OFaNet
-from ofanet_init.train.tasks import Flow, Reconstruction, Sample
+from ofanet_init.train.tasks import Compared, Flow, Reconstruction, Sample
 from pnp_sci.errors import InputError
 from pnp_sci.training.clips import load_clips, split
 from pnp_sci.training.loop import OPTIMIZERS, SCHEDULES, Budget, Place, launch, train
@@ -20,8 +20,9 @@ PATH = click.Path(path_type=Path)
 
 
 @click.command(context_settings={"show_default": True})
+@click.option("--model", type=click.Choice(list(_weights.MODELS)), default="ofanet", help="Which network.")
 @click.option(
-    "--stage", type=click.Choice(["dns", "flow", "refine", "joint"]), required=True, help="Stage of training."
+    "--stage", type=click.Choice(["dns", "flow", "refine", "joint"]), help="Stage of training; for ofanet only."
 )
 @click.option("--data", type=FOLDER, multiple=True, required=True, help="Folder of videos or photographs; repeatable.")
 @click.option("--views", default=2, help="Number of views V.")
@@ -33,8 +34,8 @@ PATH = click.Path(path_type=Path)
 @click.option("--joint/--frozen", default=True, help="Whether the flow net is trained with the refine net.")
 @click.option("--passes", default=1, help="Passes of flow and refine net over the video.")
 @click.option("--start", type=PATH, multiple=True, help="Initial weights, from an earlier stage; repeatable.")
-@click.option("--out", type=PATH, help="Folder for checkpoint and curves.  [default: runs/ofanet-STAGE]")
-@click.option("--weights", type=PATH, help="Weights to write, with a model card.  [default: OUT/ofanet.safetensors]")
+@click.option("--out", type=PATH, help="Folder for checkpoint and curves.  [default: runs/MODEL-STAGE]")
+@click.option("--weights", type=PATH, help="Weights to write, with a model card.  [default: OUT/MODEL.safetensors]")
 @click.option(
     "--minutes",
     default=90.0,
@@ -60,16 +61,22 @@ PATH = click.Path(path_type=Path)
 @click.option("--validations", default=20, type=click.IntRange(min=1), help="Number of validations and checkpoints.")
 @click.option("--resume", is_flag=True, help="Continue from the checkpoint in the output folder.")
 def main(
-    stage, data, views, frames, amplifier, dual, refine, flow, joint, passes, start, out, weights, minutes, steps, seed,
-    rate, schedule, optimizer, crop, batch, window, device, validations, resume,
+    model, stage, data, views, frames, amplifier, dual, refine, flow, joint, passes, start, out, weights, minutes,
+    steps, seed, rate, schedule, optimizer, crop, batch, window, device, validations, resume,
 ):  # fmt: skip
-    """Train OFaNet in stages: separator (dns), flow net (flow), flow and refine net (refine), all together (joint).
+    """Train a decoder.
 
+    OFaNet is trained in stages: separator (dns), flow net (flow), flow and refine net (refine), all together (joint).
     The stage dns trains a model without refine net. The stage refine is optional. Each stage writes the weights of the
-    whole model; --start takes the weights of earlier stages. Each validation rewrites checkpoint, curves (CSV), weights
-    and model card. Works under torchrun.
+    whole model; --start takes the weights of earlier stages. The other networks have one stage.
+
+    Each validation rewrites checkpoint, curves (CSV), weights and model card. Works under torchrun.
     """
-    out = out or Path("runs") / f"ofanet-{stage}"
+    if (model == "ofanet") != (stage is not None):
+        expected = "--stage, as it is ofanet" if stage is None else "no --stage, which is for ofanet only"
+        raise InputError(f"model is {model}: {expected} was expected")
+    name = model if stage is None else f"{model}-{stage}"
+    out = out or Path("runs") / name
     budget = Budget(out, minutes, steps, seed, rate, schedule, optimizer, validations)
     place = Place.here(device)
     torch.manual_seed(seed)
@@ -77,12 +84,18 @@ def main(
         refine = "none"
     if stage == "refine" and (refine == "none" or not (start or resume)):
         raise InputError("stage is refine: a refine net, and weights to --start from, were expected")
-    model = OFaNet(OFaNetConfig(views, frames, amplifier, dual, refine, flow, joint, passes))
+    make, _ = _weights.MODELS[model]
+    if stage is None:
+        network = make(ComparedConfig(views, frames))
+    else:
+        network = make(OFaNetConfig(views, frames, amplifier, dual, refine, flow, joint, passes))
     for path in start:
-        _weights.start(model, path)
+        _weights.start(network, path)
     spent = f"--minutes {minutes:g}" if steps is None else f"--steps {steps}"
     command = (
-        f"python -m ofanet_init.train --stage {stage} {' '.join(f'--data {folder.name}' for folder in data)} "
+        f"python -m ofanet_init.train --model {model} "
+        + (f"--stage {stage} " if stage else "")
+        + f"{' '.join(f'--data {folder.name}' for folder in data)} "
         f"--views {views} --frames {frames} {spent} --rate {rate:g} --schedule {schedule} --optimizer {optimizer} "
         f"--crop {crop} --batch {batch} --seed {seed}"
         + (f" --window {window}" if window else "")
@@ -92,9 +105,12 @@ def main(
     )
 
     def run() -> None:
-        material = (model, *split(load_clips(data)), Sample(batch, crop, window or frames), seed, place)
-        named = (weights or out / "ofanet.safetensors", command)
-        task = Flow(*material, *named) if stage == "flow" else Reconstruction(stage, *material, *named)
+        material = (network, *split(load_clips(data)), Sample(batch, crop, window or frames), seed, place)
+        material += (weights or out / f"{model}.safetensors", command)
+        if stage is None:
+            task = Compared(*material)
+        else:
+            task = Flow(*material) if stage == "flow" else Reconstruction(stage, *material)
         train(task, budget, place, resume)
 
     launch(run)

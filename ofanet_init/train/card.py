@@ -6,16 +6,17 @@ from typing import Any
 
 import torch
 
+from ofanet_init.prepared import TITLES
 from pnp_sci.training.loop import Place, Progress
 
-CARD = """# OFaNet for {views} view(s) of {frames} frames
+CARD = """# {title} for {views} view(s) of {frames} frames
 
 `{config}`, {parameters:.2f} million parameters. Inputs: a measurement in units where the video spans about [0, 1], and
 masks in [0, 1]. Weights in half precision; SHA-256 of their values: `{digest}`.
 
 ## Training
 
-The table describes the last stage, which started from the weights of the earlier ones.
+The table describes the last stage. A command with `--start` started from the weights of earlier ones.
 
 | | |
 |---|---|
@@ -40,6 +41,7 @@ def write_card(stage: Any, progress: Progress, place: Place, digest: str) -> Non
     moving = [len(clip.frames) for clip in stage.training if len(clip.frames) > 1]
     shown = progress.rows[::-4][::-1] if len(progress.rows) > 10 else progress.rows
     text = CARD.format(
+        title=TITLES[stage.model.model],
         views=config.views,
         frames=config.frames,
         config=config,

@@ -1,10 +1,11 @@
-"""Stages of training: separator, flow net, refine net, and all together."""
+"""Stages of training: separator, flow net, refine net, and all together; and the compared networks in one stage."""
 
 from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import torch
@@ -24,6 +25,7 @@ from pnp_sci.training.loop import Place, Progress
 
 SIZE = 256  # pixels: side of the central square of a validation clip
 ALPHA = 1.0  # weight of the separator's loss, as in the paper
+EARLIER = 0.5  # weight of the loss of each earlier estimate of a compared network
 
 
 @dataclass(frozen=True)
@@ -41,7 +43,7 @@ class Stage:
     scores: tuple[str, ...]
 
     def __init__(
-        self, model: OFaNet, training: Sequence[Clip], validation: Sequence[Clip], sample: Sample, seed: int,
+        self, model: Any, training: Sequence[Clip], validation: Sequence[Clip], sample: Sample, seed: int,
         place: Place, weights: Path, command: str,
     ):  # fmt: skip
         self.model, self.sample, self.seed = model, sample, seed
@@ -54,13 +56,38 @@ class Stage:
         digest = _weights.save(self.weights, self.averaged(network))
         write_card(self, progress, place, digest)
 
-    def averaged(self, network: torch.nn.Module) -> OFaNet:
+    def averaged(self, network: torch.nn.Module) -> torch.nn.Module:
         """The whole model with the averaged weights of the part that this stage trains."""
-        assert isinstance(network, OFaNet)
         return network
 
 
-class Reconstruction(Stage):
+class Videos(Stage):
+    """Base of the stages that train a video from its measurement."""
+
+    def validate(self, network: torch.nn.Module, place: Place) -> torch.Tensor:
+        """Sums of the PSNR in dB of the last videos of the network, one for each score, and the number of videos.
+
+        The views of a measurement are a held-out clip and the clips that follow it. Masks move as in the benchmark.
+        """
+        config = self.model.config
+        total = torch.zeros(len(self.scores) + 1, dtype=torch.float64)
+        masks = moving_masks((config.views, config.frames, SIZE, SIZE), seed=1).astype(np.float32)
+        coded = torch.from_numpy(masks).to(place.device)
+        clips = [c.frames[: config.frames] for c in self.validation if len(c.frames) >= config.frames]
+        clips = [c[:, : c.shape[1] // 2 * 2, : c.shape[2] // 2 * 2] for c in clips if min(c.shape[1:]) >= SIZE]
+        with torch.inference_mode(), mixed_precision(place.device):
+            for n in range(place.rank, len(clips), place.world):
+                views = [centre(clips[(n + v) % len(clips)]) for v in range(config.views)]
+                truth = torch.from_numpy(np.stack(views)).to(place.device).float() / 255
+                videos = network((coded * truth).sum((0, 1))[None], coded[None])
+                for k, video in enumerate(videos[-len(self.scores) :]):
+                    error = (video[0].float().clamp(0, 1) - truth).square().mean((2, 3)).clamp(min=1e-12)
+                    total[k] -= 10 * error.log10().mean(1).sum().cpu()
+                total[-1] += config.views
+        return total
+
+
+class Reconstruction(Videos):
     """Stages "dns", "refine" and "joint": the video from its measurement. Loss: ``alpha * L_DNS + L_refined``.
 
     The stage "refine" does not train the separator. Each step draws the number of passes, from 1 to that of the
@@ -93,26 +120,25 @@ class Reconstruction(Stage):
             return coarse
         return ALPHA * coarse + (refined.float() - made.truth[:, :, window]).square().mean()
 
-    def validate(self, network: torch.nn.Module, place: Place) -> torch.Tensor:
-        """Sums of the PSNR in dB of first and refined videos, and the number of videos.
 
-        The views of a measurement are a held-out clip and the clips that follow it. Masks move as in the benchmark.
-        """
-        config = self.model.config
-        total = torch.zeros(3, dtype=torch.float64)
-        masks = moving_masks((config.views, config.frames, SIZE, SIZE), seed=1).astype(np.float32)
-        coded = torch.from_numpy(masks).to(place.device)
-        clips = [c.frames[: config.frames] for c in self.validation if len(c.frames) >= config.frames]
-        clips = [c[:, : c.shape[1] // 2 * 2, : c.shape[2] // 2 * 2] for c in clips if min(c.shape[1:]) >= SIZE]
-        with torch.inference_mode(), mixed_precision(place.device):
-            for n in range(place.rank, len(clips), place.world):
-                views = [centre(clips[(n + v) % len(clips)]) for v in range(config.views)]
-                truth = torch.from_numpy(np.stack(views)).to(place.device).float() / 255
-                for k, video in enumerate(network((coded * truth).sum((0, 1))[None], coded[None])):
-                    error = (video[0].float().clamp(0, 1) - truth).square().mean((2, 3)).clamp(min=1e-12)
-                    total[k] -= 10 * error.log10().mean(1).sum().cpu()
-                total[2] += config.views
-        return total
+class Compared(Videos):
+    """A compared network, trained in one stage. Loss: that of the last estimate and half of those before it."""
+
+    scores = ("psnr",)
+
+    def __init__(self, *rest, **more):
+        super().__init__(*rest, **more)
+        self.name, self.network, self.compiled = self.model.model, self.model, [self.model]
+
+    def loss(self, model: torch.nn.Module, place: Place, step: int) -> torch.Tensor:
+        """Mean squared errors for the scenes and masks of this step."""
+        config, size = self.model.config, self.sample.crop
+        shape = (self.sample.batch, config.views, config.frames, size, size)
+        made = batch(self.scenes, self.seed, place.rank, step, shape)
+        with mixed_precision(place.device):
+            estimates = model(made.y, made.masks)
+        *before, last = [(estimate.float() - made.truth).square().mean() for estimate in estimates]
+        return last + EARLIER * sum(before)
 
 
 class Flow(Stage):

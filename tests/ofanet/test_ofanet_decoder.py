@@ -19,6 +19,7 @@ pytest.importorskip("safetensors")
 fusion = pytest.importorskip("pnp_sci.accel.fusion")
 half_precision = pytest.importorskip("pnp_sci.accel.inference").half_precision
 decoder = pytest.importorskip("ofanet_init.decoder")
+prepared = pytest.importorskip("ofanet_init.prepared")
 network = pytest.importorskip("ofanet_init.network")
 weights = pytest.importorskip("ofanet_init.files")
 
@@ -28,9 +29,9 @@ def trained(tmp_path, monkeypatch):
     """A folder of weights for 2 views of 4 frames, in place of the package's."""
     weights.save(tmp_path / "v2b4.safetensors", make())
     monkeypatch.setattr(weights, "FOLDER", tmp_path)
-    decoder._network.cache_clear()
+    prepared.trained.cache_clear()
     yield tmp_path
-    decoder._network.cache_clear()
+    prepared.trained.cache_clear()
 
 
 @pytest.fixture(scope="module")
@@ -58,9 +59,9 @@ def test_fused_or_not_it_decodes_the_same(trained, case, model, monkeypatch):
     outs, could = [], fusion._can_fuse
     for possible in (True, False):
         monkeypatch.setattr(fusion, "_can_fuse", lambda dtype, possible=possible: possible and could(dtype))
-        decoder._network.cache_clear()
+        prepared.trained.cache_clear()
         outs.append(pnp_sci.decode(*case, model=model).x)
-        modules = decoder._network(2, 4, torch.device("cpu")).modules()
+        modules = prepared.trained("ofanet", 2, 4, torch.device("cpu")).modules()
         half = half_precision(torch.device("cpu"))
         fused = any(isinstance(module, fusion.Fused) for module in modules)
         assert fused == (possible and could(torch.bfloat16 if half else torch.float32))
@@ -113,9 +114,9 @@ def test_nothing_is_refined_where_nothing_moves(trained, small, case, monkeypatc
 def test_a_missing_refine_net_is_said(case, tmp_path, monkeypatch, caplog):
     weights.save(tmp_path / "v2b4.safetensors", make(refine="none"))
     monkeypatch.setattr(weights, "FOLDER", tmp_path)
-    decoder._network.cache_clear()
+    prepared.trained.cache_clear()
     whole, fast = (pnp_sci.decode(*case, model=model).x for model in ("ofanet", "ofanet-fast"))
-    decoder._network.cache_clear()
+    prepared.trained.cache_clear()
     assert np.array_equal(whole, fast)
     assert "no refine net for 2 x 4" in caplog.text
 
@@ -174,7 +175,7 @@ def test_first_estimate_that_is_chosen(trained, frames, prior, lowest, init):
 def test_damaged_weights_are_an_error_and_not_a_plain_start(case, tmp_path, monkeypatch):
     (tmp_path / "v2b4.safetensors").write_text("no weights")
     monkeypatch.setattr(weights, "FOLDER", tmp_path)
-    decoder._network.cache_clear()
+    prepared.trained.cache_clear()
     with pytest.raises(FormatError, match="not a safetensors file"):
         pnp_sci.solve(*case, learned, iterations=1)
 

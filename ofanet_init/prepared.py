@@ -1,0 +1,77 @@
+"""What the decoders share: networks by name, and measurements in the units that they are trained for."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import cache
+from typing import Any
+
+import numpy as np
+import torch
+
+from ofanet_init import files as _weights
+from pnp_sci._tuned import Tuned
+from pnp_sci.accel.inference import ready
+from pnp_sci.errors import InputError
+from pnp_sci.pipeline.blend import TUNED as BLEND
+from pnp_sci.sensing.problem import Problem
+
+TITLES = {"ofanet": "OFaNet", "unet": "U-net", "admm-net": "ADMM-net", "birnat": "BIRNAT"}
+
+
+@dataclass(frozen=True)
+class DecoderNumbers(Tuned):
+    """Scaling from the problem's units to those of the network."""
+
+    brightness: float = 0.8  # value of the problem's unit in units of the training clips, in which white is 1
+
+
+TUNED = DecoderNumbers()
+
+
+@cache
+def trained(model: str, views: int, frames: int, device: torch.device) -> Any:
+    """The network `model` of this package for V and B, ready on a device.
+
+    Raises
+    ------
+    InputError
+        If there are no weights for so many views and frames.
+    """
+    prefix = "" if model == "ofanet" else f"{model}-"
+    path = _weights.FOLDER / f"{prefix}v{views}b{frames}.safetensors"
+    if not path.is_file():
+        stems = (file.stem.removeprefix(prefix) for file in _weights.FOLDER.glob(f"{prefix}v*.safetensors"))
+        known = ", ".join(sorted(stem[1:].replace("b", " x ") for stem in stems))
+        raise InputError(
+            f"masks has {views} x {frames} frames: {TITLES[model]} has weights for {known or 'none'} (views x frames); "
+            f"others can be trained with 'python -m ofanet_init.train --model {model}'"
+        )
+    return ready(_weights.load(path, model)[0], device)
+
+
+def tensors(problem: Problem, device: torch.device, rows: slice = slice(None)) -> tuple[torch.Tensor, torch.Tensor]:
+    """Measurement (1, H, W) and masks (1, V, B, H, W) of a problem in the units of the training clips; some rows of it.
+
+    Raises
+    ------
+    InputError
+        If a mask is negative.
+    """
+    masks = problem.op.masks[:, :, rows]
+    if masks.min(initial=0) < 0:
+        raise InputError("masks has negative values: learned decoders need masks >= 0")
+    largest = float(problem.op.masks.max()) or 1.0
+    coded = torch.from_numpy(masks.astype(np.float32) / np.float32(largest))[None]
+    y = torch.from_numpy((problem.y[rows] * (TUNED.brightness / largest)).astype(np.float32))[None]
+    return y.to(device), coded.to(device)
+
+
+def in_units_of(problem: Problem, video: torch.Tensor) -> np.ndarray:
+    """A network's video (1, V, B, H, W) as an array (V, B, H, W) in the problem's units."""
+    return (video[0].float().cpu().numpy() / np.float32(TUNED.brightness)).astype(problem.op.dtype)
+
+
+def projected(problem: Problem, video: np.ndarray) -> np.ndarray:
+    """Project a video (V, B, H, W) onto those that measure y, as far as the noise allows."""
+    return problem.op.project(video, problem.y, (problem.typical_noise / BLEND.loud) ** 2)
