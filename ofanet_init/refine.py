@@ -5,7 +5,7 @@ from __future__ import annotations
 import torch
 from torch import nn
 
-from ofanet_init.blocks import ResidualUnit, chain, convolution, residual_block
+from ofanet_init.blocks import ResidualUnit, chain, convolution, residual_block, silenced
 from ofanet_init.flow import warped
 
 HIDDEN = 40  # channels of the hidden state H
@@ -41,9 +41,7 @@ class Cell(nn.Module):
         self.fuse = nn.Sequential(
             convolution(20 + 40 * flows + (20 if diversity else 0) + 10, HIDDEN, 3), ResidualUnit(HIDDEN)
         )
-        self.r = chain(HIDDEN, (3, 40), (1, 30), (3, 20), (1, 20), (3, 20), (1, 1), last=False)
-        for start in self.r[-1].parameters():  # initialised so that R is 0
-            nn.init.zeros_(start)
+        self.r = silenced(chain(HIDDEN, (3, 40), (1, 30), (3, 20), (1, 20), (3, 20), (1, 1), last=False))
 
     def forward(
         self, frame: torch.Tensor, evidence: torch.Tensor, flows: list[torch.Tensor], constant: list[torch.Tensor],

@@ -7,7 +7,7 @@ from torch import nn
 from torch.nn import functional
 
 from ofanet_init.amplifier import normalised
-from ofanet_init.blocks import activation, chain, convolution
+from ofanet_init.blocks import activation, chain, convolution, silenced
 from ofanet_init.compared.config import ComparedConfig
 
 STAGES = 5  # iterations
@@ -74,7 +74,7 @@ class Prior(nn.Module):
         self.grow = nn.ModuleList(nn.Sequential(nn.ConvTranspose2d(*sizes, 2, 2), activation()) for sizes in rising)
         self.up = nn.ModuleList(pair(2 * width, width) for width in (middle, fine))
         self.tail = nn.Sequential(convolution(fine, planes, 1))
-        nn.init.zeros_(self.tail[0].weight)  # type: ignore[arg-type]
+        silenced(self.tail)
 
     def forward(self, x: torch.Tensor) -> torch.Tensor:
         """Denoise x (N, V B, H, W)."""

@@ -7,7 +7,7 @@ from torch import nn
 from torch.nn import functional
 
 from ofanet_init.amplifier import normalised
-from ofanet_init.blocks import activation, chain, convolution, residual_block
+from ofanet_init.blocks import activation, chain, convolution, residual_block, silenced
 from ofanet_init.compared.config import ComparedConfig
 
 WIDTH = 64  # channels of the network for the first frames, at half resolution
@@ -118,10 +118,8 @@ class Recurrence(nn.Module):
             chain(STATE, (3, 40), (1, 30)),
             nn.ConvTranspose2d(30, 20, 2, 2),
             activation(),
-            chain(20, (3, 20), (1, views), last=False),
+            silenced(chain(20, (3, 20), (1, views), last=False)),
         )
-        for start in self.up[-1][-1].parameters():  # type: ignore[union-attr]  # initialised so that nothing is added
-            nn.init.zeros_(start)
 
     def forward(
         self, y: torch.Tensor, masks: torch.Tensor, guess: torch.Tensor, last: torch.Tensor, hidden: torch.Tensor,

@@ -7,7 +7,7 @@ from torch import nn
 from torch.nn import functional
 
 from ofanet_init.amplifier import normalised
-from ofanet_init.blocks import activation, chain, convolution
+from ofanet_init.blocks import activation, chain, convolution, silenced
 from ofanet_init.compared.config import ComparedConfig
 from pnp_sci.accel.fusion import Residual
 
@@ -43,7 +43,7 @@ class UNet(nn.Module):
         self.grow = nn.ModuleList(nn.ConvTranspose2d(WIDTH, WIDTH, 2, 2) for _ in range(SCALES - 1))
         self.decoder = nn.ModuleList(block(WIDTH) for _ in range(SCALES))
         self.tail = nn.Sequential(convolution(WIDTH, config.planes, 1))
-        nn.init.zeros_(self.tail[0].weight)  # type: ignore[arg-type]
+        silenced(self.tail)
 
     def forward(self, y: torch.Tensor, masks: torch.Tensor) -> list[torch.Tensor]:
         """Decode y (N, H, W) through masks (N, V, B, H, W); returns one video (N, V, B, H, W)."""
@@ -62,5 +62,5 @@ class UNet(nn.Module):
 def block(width: int) -> nn.Sequential:
     """Residual block of two convolutions, and an activation after the sum."""
     body = chain(width, (3, width), (3, width), last=False)
-    nn.init.zeros_(body[-1].weight)  # type: ignore[arg-type]  # initialised as the identity
+    silenced(body)
     return nn.Sequential(Residual(body), activation())

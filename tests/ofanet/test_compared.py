@@ -1,0 +1,184 @@
+"""U-net, ADMM-net and BIRNAT: networks, decoders and the stage that trains them."""
+
+import numpy as np
+import pytest
+from click.testing import CliRunner
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from untrained import measured
+
+import pnp_sci
+from pnp_sci.errors import InputError
+from pnp_sci.training.clips import Clip
+
+torch = pytest.importorskip("torch")
+pytest.importorskip("safetensors")
+admm_net = pytest.importorskip("ofanet_init.compared.admm_net")
+birnat = pytest.importorskip("ofanet_init.compared.birnat")
+config = pytest.importorskip("ofanet_init.compared.config")
+decoders = pytest.importorskip("ofanet_init.compared_decoders")
+fusion = pytest.importorskip("pnp_sci.accel.fusion")
+prepared = pytest.importorskip("ofanet_init.prepared")
+weights = pytest.importorskip("ofanet_init.files")
+
+MODELS = ("unet", "admm-net", "birnat")
+
+
+def make(model, views=2, frames=4):
+    """An untrained network whose layers all do something."""
+    torch.manual_seed(0)
+    network = weights.MODELS[model][0](config.ComparedConfig(views, frames))
+    for parameter in network.parameters():
+        if not parameter.detach().any():
+            torch.nn.init.normal_(parameter, std=0.02)
+    return network.eval()
+
+
+@pytest.fixture
+def folder(tmp_path, monkeypatch):
+    """Weights for 2 views of 4 frames, in place of the package's."""
+    for model in MODELS:
+        weights.save(tmp_path / f"{model}-v2b4.safetensors", make(model))
+    monkeypatch.setattr(weights, "FOLDER", tmp_path)
+    prepared.trained.cache_clear()
+    yield tmp_path
+    prepared.trained.cache_clear()
+
+
+def case(rows=20, columns=26, seed=0):
+    y, masks = (part[0].numpy() for part in measured(rows=rows, columns=columns, seed=seed))
+    return y, masks
+
+
+@pytest.mark.parametrize("model", MODELS)
+@settings(max_examples=6, deadline=None)
+@given(views=st.integers(1, 3), frames=st.integers(1, 4), rows=st.integers(1, 2), columns=st.integers(1, 2))
+def test_any_number_of_views_and_frames(model, views, frames, rows, columns):
+    """Every estimate has the shape of the masks, and finite values."""
+    y, masks = measured(views, frames, 16 * rows, 16 * columns)
+    with torch.inference_mode():
+        for video in make(model, views, frames)(y, masks):
+            assert video.shape == masks.shape
+            assert video.isfinite().all()
+
+
+@pytest.mark.parametrize("model", MODELS)
+def test_every_weight_learns(model):
+    network = make(model)
+    sum(video.square().sum() for video in network(*measured(rows=32, columns=32))).backward()
+    still = [name for name, weight in network.named_parameters() if weight.grad is None or not weight.grad.any()]
+    assert not still
+
+
+@pytest.mark.parametrize("model", MODELS)
+@pytest.mark.parametrize("size", [(1, 1), (7, 5), (33, 50)])
+def test_pictures_of_any_size_are_decoded(folder, model, size):
+    y, masks = case(*size)
+    assert np.isfinite(pnp_sci.decode(y, masks, model=model).x).all()
+
+
+@pytest.mark.parametrize("model", MODELS)
+@pytest.mark.parametrize("factor", [1e-6, 3.0, 1e6])
+def test_decode_scales_with_the_measurement(folder, model, factor):
+    y, masks = case()
+    x, scaled = (pnp_sci.decode(a * y, masks, model=model).x for a in (1.0, factor))
+    assert np.allclose(scaled, factor * x, atol=2e-2 * factor * np.abs(x).max())
+
+
+@pytest.mark.parametrize("model", MODELS)
+def test_the_decoded_video_measures_y(folder, model):
+    y, masks = case()
+    x = pnp_sci.decode(y, masks, model=model, noise=0).x
+    assert np.abs((masks * x).sum((0, 1)) - y).max() < 1e-3 * y.max()
+
+
+@pytest.mark.parametrize("model", MODELS)
+def test_fused_or_not_it_decodes_the_same(folder, model, monkeypatch):
+    outs, could = [], fusion._can_fuse
+    for possible in (True, False):
+        monkeypatch.setattr(fusion, "_can_fuse", lambda dtype, possible=possible: possible and could(dtype))
+        prepared.trained.cache_clear()
+        outs.append(pnp_sci.decode(*case(), model=model).x)
+    assert np.abs(outs[0] - outs[1]).mean() < 0.02 * np.abs(outs[0]).mean()
+
+
+@pytest.mark.parametrize("model", MODELS)
+def test_solvers_start_from_it(folder, model):
+    assert pnp_sci.solve(*case(), prior="tv", init=model, iterations=2).settings["init"] == model
+
+
+@pytest.mark.parametrize("model", MODELS)
+def test_what_cannot_be_decoded(folder, model):
+    y, masks = case()
+    with pytest.raises(InputError, match=r"masks has 2 x 3 frames: .* has weights for 2 x 4 .*--model " + model):
+        pnp_sci.decode(y, masks[:, :3], model=model)
+    with pytest.raises(InputError, match="masks has negative values"):
+        pnp_sci.decode(y, -masks, model=model)
+
+
+@pytest.mark.parametrize("fields", [{"views": 0}, {"frames": 257}, {"views": 1.5}])
+def test_configurations_that_cannot_be(fields):
+    with pytest.raises(InputError, match=f"{next(iter(fields))} is .*a whole number from 1 to 256"):
+        config.ComparedConfig(**fields)
+
+
+def test_admm_with_priors_that_change_nothing_ends_at_videos_that_measure_y():
+    y, masks = measured(rows=20, columns=24)
+    network = admm_net.ADMMNet(config.ComparedConfig(2, 4))  # untrained, each prior is the identity
+    torch.nn.init.constant_(network.gamma, -20.0)
+    for video in network(y, masks):
+        seen = masks.sum((1, 2)) > 0
+        assert torch.allclose((masks * video).sum((1, 2))[seen], y[seen], atol=1e-4)
+
+
+@pytest.mark.parametrize("follow", [True, False])
+def test_birnat_sees_what_the_measurement_leaves_for_a_frame(monkeypatch, follow):
+    """If all other frames are known, that is what the frames of this time add to it."""
+    _, masks = measured(rows=8, columns=8)
+    truth = torch.rand(masks.shape, generator=torch.Generator().manual_seed(1))
+    y = (masks * truth).sum((1, 2))
+    network = birnat.Recurrence(2)  # untrained, it adds nothing
+    seen = []
+    monkeypatch.setattr(network.see, "forward", lambda x: seen.append(x) or torch.zeros(1, birnat.SEEN, 4, 4))
+    still = truth[:, :, :1].expand_as(truth) if follow else truth
+    y = (masks * still).sum((1, 2))
+    order = range(1, 4) if follow else range(2, -1, -1)
+    last = still[:, :, order.start - order.step]
+    video, _ = network(y, masks, still, last, torch.zeros(1, birnat.HIDDEN, 4, 4), order, follow)
+    assert torch.allclose(video, still)
+    for t, evidence in zip(order, seen):
+        assert torch.allclose(evidence[:, 1], (masks * still)[:, :, t].sum(1), atol=1e-5)
+        assert torch.equal(evidence[:, 2:4], masks[:, :, t])
+
+
+@pytest.mark.parametrize("model", MODELS)
+def test_training_writes_weights_that_decode(model, tmp_path, monkeypatch):
+    """Two steps; the file, put among the others, is found by its name."""
+    cli = pytest.importorskip("ofanet_init.train.__main__")
+    tasks = pytest.importorskip("ofanet_init.train.tasks")
+    monkeypatch.setattr(tasks, "SIZE", 32)
+    random = np.random.default_rng(0)
+    films = [Clip(f"{name}_1", random.integers(0, 256, (6, 40, 40), np.uint8)) for name in ("ball", "car", "dog")]
+    monkeypatch.setattr(cli, "load_clips", lambda folders: films)
+    fixed = f"--model {model} --data {tmp_path} --out {tmp_path / 'run'} --steps 2 --frames 2 --crop 32 --batch 1"
+    result = CliRunner().invoke(cli.main, [*fixed.split(), "--device", "cpu", "--validations", "1"])
+    assert result.exit_code == 0, result.output
+    network, digest = weights.load(tmp_path / "run" / f"{model}.safetensors", model)
+    card = (tmp_path / "run" / f"{model}.md").read_text()
+    assert digest in card
+    assert f"--model {model} --data" in card
+    (tmp_path / f"{model}-v2b2.safetensors").write_bytes((tmp_path / "run" / f"{model}.safetensors").read_bytes())
+    monkeypatch.setattr(weights, "FOLDER", tmp_path)
+    prepared.trained.cache_clear()
+    y, masks = (part[0].numpy() for part in measured(frames=2))
+    assert np.isfinite(pnp_sci.decode(y, masks, model=model).x).all()
+    prepared.trained.cache_clear()
+    assert network.config == config.ComparedConfig(2, 2)
+
+
+@pytest.mark.parametrize("words", ["--model unet --stage dns", "--model ofanet"])
+def test_only_ofanet_has_stages(words, tmp_path):
+    cli = pytest.importorskip("ofanet_init.train.__main__")
+    result = CliRunner().invoke(cli.main, [*words.split(), "--data", str(tmp_path)])
+    assert isinstance(result.exception, InputError)
+    assert "stage" in str(result.exception)
