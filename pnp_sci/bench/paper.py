@@ -22,14 +22,18 @@ OURS = (
     Method("tv"),
     Method("flow"),
     Method("tv+ffdnet"),
+    Method("desci"),
     Method("video"),  # "auto" with the default effort
     Method("both", effort="best"),  # "auto" with effort="best"
     Method(None, init="ofanet-fast"),
     Method(None, init="ofanet"),
+    Method(None, init="unet"),
+    Method(None, init="admm-net"),
+    Method(None, init="birnat"),
 )
-NETWORKS = tuple(method for method in OURS if method.prior is None)
+OFANET = tuple(method for method in OURS if method.init.startswith("ofanet"))
 WITH_NOISE = tuple(method for method in OURS if method.prior != "tv+ffdnet")
-STARTS = ("adjoint", *(method.init for method in NETWORKS))
+STARTS = ("adjoint", *(method.init for method in OFANET))
 WARM = tuple(Method(prior, init=init) for prior in ("tv", "flow", "video") for init in STARTS)
 AFTER = (5, 10, 20, 50)  # iterations: columns of the table of warm starts
 AS_GOOD = 0.05  # dB: tolerance of "as good as the end of the cold start"
@@ -116,8 +120,8 @@ def noise(measured: Measured) -> str:
 
 def ablation(measured: Measured) -> str:
     """Table 3: the variants of OFaNet, of which we have weights for DA&DNS ("w/o RN") and OFaNet."""
-    columns = {method: _by_video(measured, DUAL_VIEW_PAIRS, method) for method in NETWORKS}
-    seconds = {method: _seconds(measured, DUAL_VIEW_PAIRS, method) for method in NETWORKS}
+    columns = {method: _by_video(measured, DUAL_VIEW_PAIRS, method) for method in OFANET}
+    seconds = {method: _seconds(measured, DUAL_VIEW_PAIRS, method) for method in OFANET}
     return _page(ABLATION, columns, seconds, "video")
 
 
