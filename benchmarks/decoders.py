@@ -59,9 +59,8 @@ def main():
                 results += [pnp_sci.solve(y, masks, "video", init=decoder, time_budget=b) for b in BUDGETS]
                 scores[decoder].append([np.mean(pnp_sci.psnr(result.x, truth)) for result in results])
                 seconds[decoder].append(results[0].settings["seconds"])
-        print(
-            f"\n| {name} ({len(cases)}) | PSNR | seconds | {' | '.join(budgets)} |\n|---|---|---|{'---|' * len(BUDGETS)}"
-        )
+        print(f"\n| {name} ({len(cases)}) | PSNR | seconds | {' | '.join(budgets)} |")
+        print(f"|---|---|---|{'---|' * len(BUDGETS)}")
         for decoder in DECODERS:
             alone, *later = np.mean(scores[decoder], 0)
             cells = [f"{alone:.2f}", f"{statistics.median(seconds[decoder]):.2g}", *(f"{value:.2f}" for value in later)]

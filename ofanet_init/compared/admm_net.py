@@ -34,7 +34,7 @@ class ADMMNet(nn.Module):
 
     References
     ----------
-    J. Ma, X.-Y. Liu, Z. Shou & X. Yuan, "Deep tensor ADMM-net for snapshot compressive imaging", ICCV 2019, Eq. 13-17.
+    J. Ma, X.-Y. Liu, Z. Shou & X. Yuan, "Deep tensor ADMM-net for snapshot compressive imaging", ICCV 2019.
     Z. Meng, S. Jalali & X. Yuan, "GAP-net for snapshot compressive imaging", 2020.
     Released code: github.com/mengziyi64/ADMM-net.
     """

@@ -34,7 +34,7 @@ class BIRNAT(nn.Module):
     References
     ----------
     Z. Cheng et al., "BIRNAT: bidirectional recurrent neural networks with adversarial training for video snapshot
-    compressive imaging", ECCV 2020, Sect. 3; released code: github.com/BoChenGroup/BIRNAT.
+    compressive imaging", ECCV 2020; released code: github.com/BoChenGroup/BIRNAT.
     """
 
     model = "birnat"

@@ -27,7 +27,7 @@ class UNet(nn.Module):
 
     References
     ----------
-    M. Qiao, Z. Meng, J. Ma & X. Yuan, "Deep learning for video compressive sensing", APL Photonics 5 (2020), Fig. 4;
+    M. Qiao, Z. Meng, J. Ma & X. Yuan, "Deep learning for video compressive sensing", APL Photonics 5 (2020);
     released code: github.com/mq0829/DL-CACTI, E2E_CNN.
     """
 

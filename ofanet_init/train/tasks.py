@@ -16,7 +16,7 @@ from ofanet_init.network import OFaNet
 from ofanet_init.refine import Cell
 from ofanet_init.train.card import write_card
 from ofanet_init.train.motion import end_point_error, pairs, pyramid_loss
-from ofanet_init.train.scenes import Scenes, batch, generator
+from ofanet_init.train.scenes import Batch, Scenes, batch, generator
 from pnp_sci.accel.inference import mixed_precision
 from pnp_sci.errors import InputError
 from pnp_sci.masks import moving_masks
@@ -64,6 +64,12 @@ class Stage:
 class Videos(Stage):
     """Base of the stages that train a video from its measurement."""
 
+    def made(self, place: Place, step: int) -> Batch:
+        """The scenes, masks and measurements of a step."""
+        config, size = self.model.config, self.sample.crop
+        shape = (self.sample.batch, config.views, config.frames, size, size)
+        return batch(self.scenes, self.seed, place.rank, step, shape)
+
     def validate(self, network: torch.nn.Module, place: Place) -> torch.Tensor:
         """Sums of the PSNR in dB of the last videos of the network, one for each score, and the number of videos.
 
@@ -106,9 +112,7 @@ class Reconstruction(Videos):
 
     def loss(self, model: torch.nn.Module, place: Place, step: int) -> torch.Tensor:
         """Mean squared error of both videos for the scenes and masks of this step."""
-        config, size = self.model.config, self.sample.crop
-        shape = (self.sample.batch, config.views, config.frames, size, size)
-        made = batch(self.scenes, self.seed, place.rank, step, shape)
+        config, made = self.model.config, self.made(place, step)
         count = min(self.sample.window, config.frames)
         start = int(np.random.default_rng([self.seed, place.rank, step]).integers(config.frames - count + 1))
         passes = int(np.random.default_rng([self.seed, step]).integers(1, config.passes + 1))  # equal in all processes
@@ -129,12 +133,13 @@ class Compared(Videos):
     def __init__(self, *rest, **more):
         super().__init__(*rest, **more)
         self.name, self.network, self.compiled = self.model.model, self.model, [self.model]
+        if self.sample.crop % self.model.multiple:
+            expected = f"a multiple of {self.model.multiple} was expected for {self.name}"
+            raise InputError(f"crop is {self.sample.crop}: {expected}")
 
     def loss(self, model: torch.nn.Module, place: Place, step: int) -> torch.Tensor:
         """Mean squared errors for the scenes and masks of this step."""
-        config, size = self.model.config, self.sample.crop
-        shape = (self.sample.batch, config.views, config.frames, size, size)
-        made = batch(self.scenes, self.seed, place.rank, step, shape)
+        made = self.made(place, step)
         with mixed_precision(place.device):
             estimates = model(made.y, made.masks)
         *before, last = [(estimate.float() - made.truth).square().mean() for estimate in estimates]

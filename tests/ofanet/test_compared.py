@@ -176,9 +176,21 @@ def test_training_writes_weights_that_decode(model, tmp_path, monkeypatch):
     assert network.config == config.ComparedConfig(2, 2)
 
 
-@pytest.mark.parametrize("words", ["--model unet --stage dns", "--model ofanet"])
-def test_only_ofanet_has_stages(words, tmp_path):
+@pytest.mark.parametrize(
+    ("words", "named"),
+    [("--model unet --stage dns", "model is unet: no --stage"), ("--model ofanet", "--stage, as it is ofanet")],
+)
+def test_only_ofanet_has_stages(words, named, tmp_path):
     cli = pytest.importorskip("ofanet_init.train.__main__")
     result = CliRunner().invoke(cli.main, [*words.split(), "--data", str(tmp_path)])
     assert isinstance(result.exception, InputError)
-    assert "stage" in str(result.exception)
+    assert named in str(result.exception)
+
+
+def test_crops_of_a_size_that_the_network_cannot_take(tmp_path, monkeypatch):
+    cli = pytest.importorskip("ofanet_init.train.__main__")
+    films = [Clip(f"{name}_1", np.zeros((6, 40, 40), np.uint8)) for name in ("ball", "car", "dog")]
+    monkeypatch.setattr(cli, "load_clips", lambda folders: films)
+    words = f"--model unet --data {tmp_path} --out {tmp_path / 'run'} --steps 1 --crop 40"
+    result = CliRunner().invoke(cli.main, words.split())
+    assert str(result.exception) == "crop is 40: a multiple of 16 was expected for unet"
