@@ -5,6 +5,7 @@ from __future__ import annotations
 import logging
 from collections.abc import Iterator
 from contextlib import contextmanager
+from itertools import islice
 from pathlib import Path
 from typing import Any
 
@@ -41,7 +42,7 @@ from pnp_sci.cli.inputs import (
 @click.option("--register", is_flag=True, help="Move the masks to where each measurement has them.")
 @click.option("--time-budget", type=POSITIVE, help="Seconds for each chunk; results then vary from run to run.")
 @click.option("--device", help="For priors that are networks, such as cuda.")
-@click.option("--threads", type=click.IntRange(min=1), help="Of each process.  [default: cores / workers]")
+@click.option("--threads", type=click.IntRange(min=1), help="Of each process.  [default: cores / workers, elsewhere 1]")
 @click.option("--uncertainty", is_flag=True, help="Predict the error of each pixel: twice the time.")
 @click.option("--seed", default=0, show_default=True)
 @click.option("--option", "options", multiple=True, metavar="KEY=VALUE", help="Option of the prior; may be repeated.")
@@ -70,7 +71,7 @@ def reconstruct(
     sensor = camera(noise, gain, full_scale, bits)
     import pnp_sci
 
-    with _told():
+    with _estimates_shown():
         result = pnp_sci.reconstruct(
             source[0] if len(source) == 1 else list(source),
             pnp_sci.io.read_masks(masks_file, views, masks_key),
@@ -84,14 +85,15 @@ def reconstruct(
             **prior_options,
         )
     click.echo(repr(result))
-    for row in [row for row in result.table() if row["error"]][:10]:
-        click.echo(f"Measurement {row['measurement']}: {row['error']}", err=True)
+    failed = (record for record in result.records() if record["error"])
+    for record in islice(failed, 10):
+        click.echo(f"Measurement {record['measurement']}: {record['error']}", err=True)
     result.raise_for_status()
 
 
 @contextmanager
-def _told() -> Iterator[None]:
-    """Context in which estimates are shown."""
+def _estimates_shown() -> Iterator[None]:
+    """Context in which the log of estimates goes to stderr."""
     log, handler = logging.getLogger("pnp_sci.fleet"), logging.StreamHandler()
     before = log.level
     log.addHandler(handler)

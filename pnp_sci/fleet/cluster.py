@@ -1,4 +1,4 @@
-"""Workers of one's own, or those of a cluster, and chunks sent to them a few at a time."""
+"""Starts or connects to workers; sends chunks, a few at a time."""
 
 from __future__ import annotations
 
@@ -7,14 +7,13 @@ import os
 import time
 from collections.abc import Callable, Iterable, Iterator
 from contextlib import contextmanager
-from itertools import islice
 from pathlib import Path
 from typing import Any
 
 from pnp_sci._optional import needed_for
 from pnp_sci.errors import InputTypeError
 from pnp_sci.fleet.job import Chunk, Job
-from pnp_sci.fleet.work import Carrier, put_failures, solve_chunk
+from pnp_sci.fleet.work import JobPlugin, put_failures, solve_chunk
 
 with needed_for("a fleet of measurements", "cluster"):
     import psutil
@@ -32,7 +31,7 @@ def cores() -> int:
 
 
 def check_client(client: Any) -> None:
-    """Raise an InputTypeError if it is no client, nor what one can be made of."""
+    """Raise an InputTypeError if `client` is neither None, an address nor a Client."""
     if client is not None and not isinstance(client, (str, Client)):
         raise InputTypeError(f"client is {client!r}: None, a scheduler's address or a distributed.Client was expected")
 
@@ -53,14 +52,17 @@ def workers_of(client: Any, job: Job, workers: int) -> Iterator[Team]:
     own = not isinstance(client, Client)
     connected = Client(local if local is not None else client) if own else client
     try:
-        connected.register_plugin(Carrier(job))
+        connected.register_plugin(JobPlugin(job.for_workers()))
         yield Team(connected, local, job)
-        connected.unregister_worker_plugin(job.name)
     finally:
-        if own:
-            connected.close()
-        if local is not None:
-            local.close()
+        try:
+            if local is None:
+                connected.unregister_worker_plugin(job.name)
+        finally:
+            if own:
+                connected.close()
+            if local is not None:
+                local.close()
 
 
 class Team:
@@ -70,7 +72,7 @@ class Team:
         self.client, self.local, self.job = client, local, job
 
     def fit(self, memory: float) -> None:
-        """Keep as many workers as the memory suffices for, if each takes so many bytes; never of others' clusters."""
+        """Reduce the workers of a local cluster to what memory allows, if each takes so many bytes."""
         fitting = int(psutil.virtual_memory().available // memory) + 1  # one has its memory
         if self.local is not None and fitting < self.size:
             self.local.scale(fitting)
@@ -85,24 +87,29 @@ class Team:
 
     def run(self, chunks: Iterable[Chunk], done: Callable[[Chunk, dict], None], preview=False, measure=False) -> None:
         """Solve chunks, and call ``done(chunk, facts)`` after each; only a few are on their way at any time."""
-        waiting, sent, running = iter(chunks), dict[str, Chunk](), as_completed([])
-        self._send(islice(waiting, AHEAD * self.size), sent, running, preview, measure)
+        job, waiting, sent, running = self.job, iter(chunks), dict[str, Chunk](), as_completed([])
+
+        def send() -> None:
+            while len(sent) < AHEAD * self.size and (chunk := next(waiting, None)) is not None:
+                try:
+                    y = None if job.source.travels else job.source.read(*job.around(chunk, preview))
+                except Exception as error:
+                    done(chunk, self._failed(chunk, preview, error))
+                    continue
+                key = f"{job.fingerprint[:12]}-{'preview' if preview else 'solve'}-{chunk.start}-{id(self)}"
+                sent[key] = chunk
+                running.add(
+                    self.client.submit(
+                        solve_chunk, job.name, chunk, y, preview, measure, key=key, pure=False, retries=RETRIES
+                    )
+                )
+
+        send()
         for future in running:
             chunk = sent.pop(future.key)
             done(chunk, self._facts(future, chunk, preview))
             future.release()
-            self._send(islice(waiting, max(0, AHEAD * self.size - len(sent))), sent, running, preview, measure)
-
-    def _send(self, chunks: Iterable[Chunk], sent: dict, running: Any, preview: bool, measure: bool) -> None:
-        job = self.job
-        for chunk in chunks:
-            y = None if job.source.travels else job.source.read(*job.around(chunk, preview))
-            key = f"{job.fingerprint[:12]}-{'preview' if preview else 'solve'}-{chunk.start}-{id(self)}"
-            future = self.client.submit(
-                solve_chunk, job.name, chunk, y, preview, measure, key=key, pure=False, retries=RETRIES
-            )
-            sent[key] = chunk
-            running.add(future)
+            send()
 
     def _facts(self, future: Any, chunk: Chunk, preview: bool) -> dict[str, Any]:
         """What a chunk returned; of one that has killed its workers again and again, that it failed."""
@@ -111,6 +118,9 @@ class Team:
             return future.result()
         if not isinstance(error, KilledWorker):
             raise error
+        return self._failed(chunk, preview, error)
+
+    def _failed(self, chunk: Chunk, preview: bool, error: BaseException) -> dict[str, Any]:
         method = self.job.preview if preview else "solve"
         put_failures(Path(self.job.store), chunk, {"settings": self.job.fingerprint, "method": method}, error)
         return {"errors": chunk.stop - chunk.start}

@@ -3,20 +3,29 @@
 from __future__ import annotations
 
 import hashlib
+import inspect
 import json
+import math
+import os
 from collections.abc import Iterator
-from dataclasses import dataclass, is_dataclass
+from contextlib import suppress
+from dataclasses import dataclass, is_dataclass, replace
 from functools import cached_property
+from importlib.util import find_spec
+from pathlib import Path
 from typing import Any, NamedTuple
 
 import numpy as np
 
+from pnp_sci._validate import real_array
 from pnp_sci.errors import InputError, InputTypeError
 from pnp_sci.fleet.source import Source
+from pnp_sci.formats.plain import as_json
 from pnp_sci.pipeline.provenance import digest, versions
+from pnp_sci.plugins.torch_module import is_torch_module
 from pnp_sci.sensing.operator import SensingOperator
 
-PLAIN = bool, int, float, str, type(None)
+PLAIN = bool, int, float, type(None)
 ELSEWHERE = {  # options of solve that are not for many measurements: what serves instead
     "callback": "a callback cannot be sent to other processes",
     "reference": "compare with the truth afterwards, by pnp_sci.psnr",
@@ -39,7 +48,6 @@ class Job:
     Attributes
     ----------
     source : Source
-        Without its reader where the client reads.
     masks : ndarray, (V, B, H, W)
     options : dict
         For :func:`pnp_sci.solve`.
@@ -71,6 +79,10 @@ class Job:
         """SHA-256 of the settings."""
         return hashlib.sha256(json.dumps(self.settings, sort_keys=True).encode()).hexdigest()
 
+    def for_workers(self) -> Job:
+        """The job without what only the client can read."""
+        return self if self.source.travels else replace(self, source=replace(self.source, read=None))
+
     @property
     def size(self) -> int:
         """Measurements per chunk."""
@@ -94,12 +106,12 @@ def settings_of(source: Source, masks: np.ndarray, sequence: int | None, options
     """All that determines the result but the values of the measurements; the number of threads does not."""
     return {
         "measurements": source.count,
-        "size": list(source.shape),
+        "size": list(masks.shape),
         "dtype": str(np.dtype(np.float64 if source.dtype == np.float64 else np.float32)),
         "masks": digest(masks),
         "sequence": sequence,
         "options": {name: plain(name, options[name]) for name in sorted(options) if name != "threads"},
-        "versions": dict(versions(False)),
+        "versions": dict(versions(find_spec("torch") is not None)),
     }
 
 
@@ -111,13 +123,17 @@ def check_options(options: dict[str, Any]) -> None:
 
 
 def plain(name: str, value: Any) -> Any:
-    """A value as JSON can hold it, the same in each process: arrays and weights by their SHA-256.
+    """A value as JSON can hold it, the same in each process: arrays, files and weights by their SHA-256.
 
     >>> plain("prior", ("tv", 3))
     ['tv', 3]
     """
+    if isinstance(value, float) and not math.isfinite(value):
+        return str(value)
     if isinstance(value, PLAIN):
         return value
+    if isinstance(value, (str, Path)):
+        return f"{value}, SHA-256 {_of_file(Path(value))}" if os.path.isfile(value) else str(value)
     if isinstance(value, np.generic):
         return value.item()
     if isinstance(value, (list, tuple)):
@@ -125,17 +141,48 @@ def plain(name: str, value: Any) -> Any:
     if isinstance(value, dict):
         return {str(key): plain(name, item) for key, item in value.items()}
     if isinstance(value, SensingOperator):
-        return digest(value.masks)
+        value = value.masks
     if hasattr(value, "__array__") and hasattr(value, "shape"):
-        return digest(np.asarray(value))
-    if hasattr(value, "state_dict"):  # a torch.nn.Module
-        return [_named(value), {key: digest(np.asarray(t.cpu())) for key, t in value.state_dict().items()}]
+        array = real_array(name, value)
+        return [str(array.dtype), list(array.shape), digest(array)]
+    if is_torch_module(value):
+        return [_named(type(value)), _of_module(value)]
     if is_dataclass(value) and not isinstance(value, type):
-        return [_named(value), plain(name, {field: getattr(value, field) for field in value.__dataclass_fields__})]
-    if hasattr(value, "__qualname__"):
-        return f"{value.__module__}.{value.__qualname__}"
-    raise InputTypeError(f"{name} is {value!r}: a name, a number, an array, a dataclass or a function was expected")
+        fields = {field: getattr(value, field) for field in value.__dataclass_fields__}
+        return [_named(type(value)), plain(name, fields)]
+    if hasattr(value, "__qualname__") and _says_all(value):
+        return _named(value)
+    raise InputTypeError(
+        f"{name} is {value!r}: a name, a number, an array, a torch module, or a function that its name alone describes "
+        "was expected; give a dataclass instead"
+    )
 
 
-def _named(value: Any) -> str:
-    return f"{type(value).__module__}.{type(value).__qualname__}"
+def _named(thing: Any) -> str:
+    return f"{thing.__module__}.{thing.__qualname__}"
+
+
+def _says_all(thing: Any) -> bool:
+    """Whether the name of a function says what it does: it is no lambda, and bound to no values."""
+    return "<" not in thing.__qualname__ and not getattr(thing, "__closure__", None) and not inspect.ismethod(thing)
+
+
+def _of_file(path: Path) -> str:
+    whole = hashlib.sha256()
+    with path.open("rb") as file:
+        while part := file.read(2**20):
+            whole.update(part)
+    return whole.hexdigest()
+
+
+def _of_module(module: Any) -> str:
+    """SHA-256 of a torch module: its structure, weights, and all attributes of its parts that JSON can hold."""
+    said: list[Any] = [repr(module)]
+    for key, tensor in (*module.named_parameters(), *module.named_buffers()):
+        said.append([key, str(tensor.dtype), digest(tensor.detach().cpu().double().numpy())])
+    for key, part in module.named_modules():
+        for attribute, value in vars(part).items():
+            if not attribute.startswith("_"):
+                with suppress(TypeError, ValueError):
+                    said.append([key, attribute, as_json(value)])
+    return hashlib.sha256(as_json(said).encode()).hexdigest()

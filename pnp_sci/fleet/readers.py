@@ -2,17 +2,16 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping
-from contextlib import contextmanager
+from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, NamedTuple
 
 import numpy as np
 
-from pnp_sci._optional import needed_for
 from pnp_sci.errors import FormatError
-from pnp_sci.formats.hdf5 import h5py
+from pnp_sci.formats.hdf5 import opened
+from pnp_sci.formats.zarr import library
 
 NAMES = ("meas", "y", "measurement")  # of measurements, where a file has several arrays
 
@@ -57,6 +56,16 @@ def npy(path: Path, key: str | None) -> tuple[Head, NPY]:
     return Head(array.shape, array.dtype), NPY(path)
 
 
+def of_memmap(source: Any) -> Path | None:
+    """The NPY file that an array is, as it is on disk; None of a part, of other axes, or of a copy with changes."""
+    path = Path(str(getattr(source, "filename", "")))
+    if not isinstance(source, np.memmap) or source.mode == "c" or path.suffix != ".npy":
+        return None
+    there = np.load(path, mmap_mode="r", allow_pickle=False)
+    same = all(getattr(source, name) == getattr(there, name) for name in ("offset", "shape", "strides", "dtype"))
+    return path if same else None
+
+
 @dataclass(frozen=True)
 class HDF5:
     """Reader of a dataset."""
@@ -66,13 +75,13 @@ class HDF5:
 
     def __call__(self, start: int, stop: int) -> np.ndarray:
         """Measurements `start` to `stop` - 1, (n, H, W)."""
-        with h5py().File(self.path, "r") as file:
+        with opened(self.path) as file:
             return part(file[self.key], start, stop)
 
 
 def hdf5(path: Path, key: str | None) -> tuple[Head, HDF5]:
     """A dataset of an HDF5 file."""
-    with h5py().File(path, "r") as file:
+    with opened(path) as file:
         found: dict[str, Head] = {}
         file.visititems(lambda name, item: found.update(_head(name, item)))
         name = chosen(path, found, key)
@@ -95,12 +104,12 @@ class Zarr:
 
     def __call__(self, start: int, stop: int) -> np.ndarray:
         """Measurements `start` to `stop` - 1, (n, H, W)."""
-        return part(zarr().open_array(self.path, path=self.key, mode="r"), start, stop)
+        return part(library().open_array(self.path, path=self.key, mode="r"), start, stop)
 
 
 def in_zarr(path: Path, key: str | None) -> tuple[Head, Zarr]:
     """An array in zarr's folder, itself or in a group."""
-    node = zarr().open(path, mode="r")
+    node = library().open(path, mode="r")
     if not hasattr(node, "array_keys"):
         return Head(node.shape, node.dtype), Zarr(path, "")
     found = dict(
@@ -117,59 +126,64 @@ def is_zarr(path: Path) -> bool:
     return any((path / name).is_file() for name in ("zarr.json", ".zarray", ".zgroup"))
 
 
+def of_zarr(source: Any) -> Zarr | None:
+    """The reader of an open array that is in a folder; None of anything else."""
+    place = getattr(source, "store_path", None)
+    root = getattr(getattr(place, "store", None), "root", None)
+    return Zarr(root.resolve(), place.path) if isinstance(root, Path) else None
+
+
 def is_stored(array: Any) -> bool:
     """Whether an array-like carries the address of its values, not the values: it can be sent to a worker."""
     store = getattr(getattr(array, "store_path", None), "store", None)
-    return type(store).__name__ in ("LocalStore", "FsspecStore", "ObjectStore", "ZipStore")
-
-
-def zarr() -> Any:
-    """The package, or an error that names the extra."""
-    with needed_for("a fleet of measurements", "cluster"):
-        import zarr
-    return zarr
+    return type(store).__name__ in ("FsspecStore", "ObjectStore", "ZipStore")
 
 
 @dataclass(frozen=True)
-class TIFF:
-    """Reader of the pages of a stack."""
+class Stack:
+    """Reader of a TIFF whose values lie one after the other, from `offset` on."""
 
     path: Path
+    head: Head
+    offset: int
 
     def __call__(self, start: int, stop: int) -> np.ndarray:
         """Measurements `start` to `stop` - 1, (n, H, W)."""
-        with _pages(self.path) as pages:
-            return part(pages, start, stop) if hasattr(pages, "shape") else _stack(pages[start:stop])
+        return np.array(np.memmap(self.path, self.head.dtype, "r", self.offset, self.head.shape)[start:stop])
 
 
-def tiff(path: Path, key: str | None) -> tuple[Head, TIFF]:
+@dataclass(frozen=True)
+class Pages:
+    """Reader of the pages of a TIFF, of which only those that are asked for are looked at."""
+
+    path: Path
+    elsewhere: bool  # in other files, which this one names
+
+    def __call__(self, start: int, stop: int) -> np.ndarray:
+        """Measurements `start` to `stop` - 1, (n, H, W)."""
+        import tifffile
+
+        with tifffile.TiffFile(self.path) as file:
+            pages: Any = file.series[0].pages if self.elsewhere else file.pages
+            return np.stack([pages[n].asarray() for n in range(start, stop)])
+
+
+def tiff(path: Path, key: str | None) -> tuple[Head, Stack | Pages]:
     """The pages of a TIFF."""
-    with _pages(path) as pages:
-        if hasattr(pages, "shape"):
-            return Head(pages.shape, pages.dtype), TIFF(path)
-        if len({(page.shape, page.dtype) for page in pages}) > 1 or len(pages[0].shape) != 2:
-            raise FormatError(f"{path}: grey pictures of one size were expected")
-        return Head((len(pages), *pages[0].shape), pages[0].dtype), TIFF(path)
-
-
-def _stack(pages: Any) -> np.ndarray:
-    return np.stack([page.asarray() for page in pages])
-
-
-@contextmanager
-def _pages(path: Path) -> Iterator[Any]:
-    """Context with the pages of a TIFF, or with an array (N, H, W) if their values lie one after the other."""
     import tifffile
 
     with tifffile.TiffFile(path) as file:
-        series = file.series[0]
-        if len(file.series) > 1:  # pages written one by one
-            yield list(file.pages)
-        elif series.dataoffset is None:  # packed, or in several files
-            yield list(series.pages)
-        else:
+        series: Any = file.series[0]
+        if len(file.series) == 1 and series.dataoffset is not None and not series.axes.endswith("S"):
             stack = tifffile.memmap(path, mode="r")
-            yield stack.reshape(-1, *stack.shape[-2:])
+            head = Head((stack.size // int(np.prod(stack.shape[-2:])), *stack.shape[-2:]), stack.dtype)
+            return head, Stack(path, head, stack.offset)
+        elsewhere = len(file.series) == 1 and any(page is None or page.parent is not file for page in series.pages)
+        pages: Any = series.pages if elsewhere else file.pages
+        kinds = {(page.shape, page.dtype) for page in pages}
+        if len(kinds) > 1 or len(pages[0].shape) != 2:
+            raise FormatError(f"{path}: grey pictures of one size were expected")
+        return Head((len(pages), *pages[0].shape), pages[0].dtype), Pages(path, elsewhere)
 
 
 IN_PARTS = {

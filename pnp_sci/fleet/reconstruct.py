@@ -5,6 +5,7 @@ from __future__ import annotations
 import inspect
 import logging
 from collections.abc import Iterator
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -18,6 +19,7 @@ from pnp_sci.fleet.estimate import Estimate, free_bytes
 from pnp_sci.fleet.job import Chunk, Job, check_options, settings_of
 from pnp_sci.fleet.reconstruction import Reconstruction
 from pnp_sci.fleet.source import Source, open_source
+from pnp_sci.formats.zarr import library
 from pnp_sci.masks import as_masks
 from pnp_sci.pipeline.provenance import digest
 from pnp_sci.pipeline.request import check_request
@@ -90,7 +92,7 @@ def reconstruct(
     """
     from pnp_sci.fleet.cluster import check_client, cores, workers_of
 
-    store.readers.zarr()
+    library()
     check_client(client)
     sequence = None if sequence is None else whole("sequence", sequence, 1)
     workers = cores() if workers is None else whole("workers", workers, 1)
@@ -103,11 +105,13 @@ def reconstruct(
         store.sweep(path)
     else:
         store.create(path, planes, settings, uncertainty=bool(options.get("uncertainty")))
+    settings = store.settings_in(path)  # equal, but perhaps not in the same words, such as 1 and 1.0
     job = Job(opened, planes, options, sequence, preview, settings, str(path))
     missing = _missing(job)
     if len(missing):
         most = min(workers, len(missing)) if client is None else workers
-        options.setdefault("threads", max(1, cores() // most) if client is None else 1)
+        threads = max(1, cores() // most) if client is None else 1
+        job = replace(job, options={"threads": threads, **options})
         with workers_of(client, job, most) as team:
             _run(team, job, missing, progress)
     return Reconstruction(path)
@@ -128,19 +132,24 @@ def _check(source: Source, masks: np.ndarray, preview: Any, options: dict[str, A
     check_request(check_operator(masks, blank)[0], 1, **asked)
 
 
-def _missing(job: Job, method: str | None = "solve") -> np.ndarray:
-    """Where the chunks begin that have no result of this method, None: of no method, from these measurements."""
-    return np.fromiter((chunk.start for chunk in job.chunks() if not _done(job, chunk, method)), np.int64)
+def _missing(job: Job) -> np.ndarray:
+    """Where the chunks begin that have no result."""
+    return np.fromiter((chunk.start for chunk in job.chunks() if not _done(job, chunk)), np.int64)
 
 
-def _done(job: Job, chunk: Chunk, method: str | None) -> bool:
+def _done(job: Job, chunk: Chunk, preview: bool = False) -> bool:
+    """Whether a chunk has a result, or a preview, of all that is read for it now."""
     records = [store.record(Path(job.store), n) for n in range(*chunk)]
     for record in records:
         if record is None or record["error"] or record["settings"] != job.fingerprint:
             return False
-        if method is not None and record["method"] != method:
+        if (record["method"] == "solve") is preview:
             return False
-    return [digest(y) for y in job.source.read(*chunk)] == [record["y"] for record in records if record]
+    try:
+        read = digest(job.source.read(*job.around(chunk, preview)))
+    except Exception:  # it is recorded when the chunk is in turn
+        return False
+    return all(record["read"] == read for record in records if record)
 
 
 def _run(team: Any, job: Job, missing: np.ndarray, progress: bool) -> None:
@@ -170,7 +179,7 @@ def _run(team: Any, job: Job, missing: np.ndarray, progress: bool) -> None:
 
 def _preview(team: Any, job: Job, starts: np.ndarray, progress: bool) -> None:
     """Quick results of the chunks that have none."""
-    chunks = (chunk for chunk in _chunks(job, starts) if not _done(job, chunk, None))
+    chunks = (chunk for chunk in _chunks(job, starts) if not _done(job, chunk, preview=True))
     with tqdm(desc=f"preview by {job.preview}", unit="measurement", disable=not progress) as bar:
         team.run(chunks, lambda chunk, facts: bar.update(chunk.stop - chunk.start), preview=True)
 

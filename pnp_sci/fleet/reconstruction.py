@@ -11,7 +11,8 @@ import numpy as np
 
 from pnp_sci._validate import whole
 from pnp_sci.errors import InputError, SolverError
-from pnp_sci.fleet import readers, store
+from pnp_sci.fleet import store
+from pnp_sci.formats.zarr import library
 
 COLUMNS = ("measurement", "method", "ok", "status", "seconds", "iterations", "residual", "remarks", "warnings", "error")
 
@@ -50,7 +51,7 @@ class Reconstruction:
     def __init__(self, path: str | Path):
         self.path = Path(path)
         self.settings: dict[str, Any] = store.settings_in(self.path)
-        group = readers.zarr().open_group(self.path, mode="r")
+        group = library().open_group(self.path, mode="r")
         self.x: Any = group[store.VIDEO]
         self.uncertainty: Any = group.get(store.ERRORS)
 
@@ -79,21 +80,29 @@ class Reconstruction:
     @property
     def status(self) -> str:
         """How many measurements ended how, in a sentence."""
-        counts = Counter(_ending(record) for record in self.records())
-        if missing := len(self) - counts.total():
-            counts["not solved"] = missing
-        return f"{len(self)} measurements: " + "; ".join(f"{count} {ending}" for ending, count in counts.most_common())
+        return self._judged()[0]
 
     @property
     def ok(self) -> bool:
         """Whether all measurements are solved, none failed, and none is a preview."""
-        records = [record["ok"] and record["method"] == "solve" for record in self.records()]
-        return len(records) == len(self) and all(records)
+        return self._judged()[1]
 
     def raise_for_status(self) -> None:
         """Raise a SolverError if a measurement failed or is not solved."""
-        if not self.ok:
-            raise SolverError(self.status)
+        status, ok = self._judged()
+        if not ok:
+            raise SolverError(status)
+
+    def _judged(self) -> tuple[str, bool]:
+        """What :attr:`status` and :attr:`ok` say, for which each record is read once."""
+        counts, solved = Counter[str](), 0
+        for record in self.records():
+            counts[_ending(record)] += 1
+            solved += record["ok"] and record["method"] == "solve"
+        if missing := len(self) - counts.total():
+            counts["not solved"] = missing
+        said = "; ".join(f"{count} {ending}" for ending, count in counts.most_common())
+        return f"{len(self)} measurements: {said}", solved == len(self)
 
     def __repr__(self) -> str:
         total, views, rows, columns = self.x.shape

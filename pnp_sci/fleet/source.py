@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-import re
+import logging
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from functools import lru_cache
@@ -15,8 +15,13 @@ from pnp_sci import io
 from pnp_sci._validate import real_array
 from pnp_sci.errors import FormatError, InputError, InputTypeError
 from pnp_sci.fleet import readers
+from pnp_sci.formats.arrays import READABLE
+from pnp_sci.formats.pictures import numbered
 
 Reader = Callable[[int, int], np.ndarray]
+SUFFIXES = {*readers.IN_PARTS, *READABLE}
+
+_log = logging.getLogger("pnp_sci")
 
 
 @dataclass(frozen=True, eq=False)
@@ -33,18 +38,19 @@ class Source:
     read : callable
         ``read(start, stop)`` returns measurements `start` to `stop` - 1, (n, H, W).
     travels : bool
-        Whether a worker can read by itself; else the client reads and sends what a chunk needs.
+        Whether a worker can read by itself. Else the client reads and sends what a chunk needs, and `read` is None on
+        workers.
     """
 
     count: int
     shape: tuple[int, int]
     dtype: np.dtype
-    read: Reader
+    read: Any
     travels: bool
 
 
 def open_source(source: Any, key: str | None = None) -> Source:
-    """What stands for N measurements (H, W), opened but not read.
+    """Open a source of N measurements (H, W) without reading it.
 
     Parameters
     ----------
@@ -65,12 +71,12 @@ def open_source(source: Any, key: str | None = None) -> Source:
         return _of_path(Path(source).resolve(), key)
     if isinstance(source, (list, tuple)) and source and all(isinstance(file, (str, Path)) for file in source):
         return _joined([Path(file).resolve() for file in source], key)
-    if isinstance(source, np.memmap) and source.base is not None and Path(str(source.filename)).suffix == ".npy":
-        whole = _of_path(Path(str(source.filename)), None)
-        if whole.count == len(source) and source.ndim == 3:  # not a part of the file
-            return whole
+    if (npy := readers.of_memmap(source)) is not None:
+        return _of_path(npy, None)
     if (h5 := readers.of_hdf5(source)) is not None:
         return _of_path(h5[0], h5[1])
+    if (zarr := readers.of_zarr(source)) is not None:
+        return _measurements("source", source, zarr)
     if not (hasattr(source, "shape") and hasattr(source, "dtype") and hasattr(source, "__getitem__")):
         source = real_array("source", source)
     return _measurements("source", source, readers.Whole(source), travels=readers.is_stored(source))
@@ -91,14 +97,10 @@ def _of_path(path: Path, key: str | None) -> Source:
     if not path.exists():
         raise FileNotFoundError(f"{path}: there is no such file or folder")
     if path.is_dir() and not readers.is_zarr(path):
-        files = [f for f in path.iterdir() if f.is_file() and f.name[0] != "."]
-        if not files:
-            raise FormatError(f"{path}: the folder has no files")
-        return _joined(sorted(files, key=_numbered), key)
+        return _joined(_files_in(path), key)
     suffix = ".zarr" if path.is_dir() else path.suffix.lower()
     if suffix not in readers.IN_PARTS:
-        array = _whole(path, key)
-        return _measurements(str(path), array, _WholeFile(path, key))
+        return _measurements(str(path), _whole(path, key, *_stamp(path)), _WholeFile(path, key))
     try:
         head, reader = readers.IN_PARTS[suffix](path, key)
     except (FormatError, ImportError, PermissionError):
@@ -108,9 +110,32 @@ def _of_path(path: Path, key: str | None) -> Source:
     return _measurements(str(path), head, reader)
 
 
+def _files_in(folder: Path) -> list[Path]:
+    """The files of a folder whose formats are known, in the order of the numbers in their names."""
+    files = sorted((f for f in folder.iterdir() if f.is_file() and f.name[0] != "."), key=numbered)
+    known = [file for file in files if file.suffix.lower() in SUFFIXES]
+    if not known:
+        raise FormatError(f"{folder}: the folder has no files of these kinds: {', '.join(sorted(SUFFIXES))}")
+    if others := [file.name for file in files if file not in known]:
+        shown = ", ".join(others[:5]) + (f" and {len(others) - 5} more" if len(others) > 5 else "")
+        _log.warning("%s: these files are no measurements, and are left out: %s", folder, shown)
+    return known
+
+
+def _stamp(path: Path) -> tuple[int, int]:
+    """Time of the last change, and bytes: a cache must not outlive them."""
+    state = path.stat()
+    return state.st_mtime_ns, state.st_size
+
+
 @lru_cache(maxsize=1)
-def _whole(path: Path, key: str | None) -> np.ndarray:
+def _whole(path: Path, key: str | None, changed: int, size: int) -> np.ndarray:
     return io.read_measurement(path, key)
+
+
+@lru_cache(maxsize=1)
+def _opened(path: Path, key: str | None, changed: int, size: int) -> Source:
+    return _of_path(path, key)
 
 
 @dataclass(frozen=True)
@@ -121,7 +146,7 @@ class _WholeFile:
     key: str | None
 
     def __call__(self, start: int, stop: int) -> np.ndarray:
-        array = _whole(self.path, self.key)
+        array = _whole(self.path, self.key, *_stamp(self.path))
         return (array if array.ndim == 3 else array[None])[start:stop]
 
 
@@ -140,7 +165,7 @@ class _Files:
             k = int(np.searchsorted(self.ends, start, side="right"))
             first = int(self.ends[k - 1]) if k else 0
             upto = min(stop, int(self.ends[k]))
-            one = _of_path(self.paths[k], self.key)
+            one = _opened(self.paths[k], self.key, *_stamp(self.paths[k]))
             _same_size(self.paths[k], one, self.shape)
             parts.append(one.read(start - first, upto - first))
             start = upto
@@ -167,8 +192,3 @@ def _same_size(path: Path, one: Source, shape: tuple[int, int]) -> None:
         raise InputError(
             f"source: {path} has pictures of {one.shape}, but the first file of {shape}: the same was expected"
         )
-
-
-def _numbered(path: Path) -> list[Any]:
-    """Sort key: numbers in names count as numbers."""
-    return [int(p) if n % 2 else p for n, p in enumerate(re.split(r"([0-9]+)", path.name))]

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import os
+from itertools import chain
 from pathlib import Path
 from typing import Any
 from uuid import uuid4
@@ -11,9 +12,9 @@ from uuid import uuid4
 import numpy as np
 
 from pnp_sci.errors import FormatError, InputError
-from pnp_sci.fleet import readers
-from pnp_sci.formats.plain import finite
+from pnp_sci.formats.plain import as_json, finite
 from pnp_sci.formats.replacing import check_writable, replacing
+from pnp_sci.formats.zarr import library
 
 VIDEO, ERRORS, MASKS, RECORDS = "0", "uncertainty", "masks", "records"
 AXES = {"t": "time", "c": "channel", "y": "space", "x": "space"}
@@ -28,7 +29,7 @@ def create(path: Path, masks: np.ndarray, settings: dict[str, Any], uncertainty:
     check_writable(path)
     views, frames, rows, columns = masks.shape
     with replacing(path) as temporary:
-        group = readers.zarr().create_group(temporary, attributes=_metadata(path.stem, settings))
+        group = library().create_group(temporary, attributes=_metadata(path.stem, settings))
         for name in (VIDEO, ERRORS) if uncertainty else (VIDEO,):
             group.create_array(
                 name,
@@ -101,11 +102,26 @@ def show_white(path: Path, white: float) -> None:
 
 
 def put_videos(path: Path, start: int, videos: np.ndarray, name: str = VIDEO) -> None:
-    """Write the videos (n, V, B, H, W) of measurements from `start` on."""
-    array = readers.zarr().open_array(path, path=name, mode="r+")
+    """Write the videos (n, V, B, H, W) of measurements from `start` on, whose earlier records must be gone."""
+    array = library().open_array(path, path=name, mode="r+")
     frames = videos.shape[2]
     for n, video in enumerate(videos, start):
         array[n * frames : (n + 1) * frames] = video.swapaxes(0, 1)
+
+
+def forget(path: Path, start: int, stop: int) -> None:
+    """Remove the records of measurements: their videos are about to change."""
+    for n in range(start, stop):
+        _record(path, n).unlink(missing_ok=True)
+
+
+def clear(path: Path, start: int, stop: int) -> None:
+    """Remove records and videos of measurements."""
+    forget(path, start, stop)
+    group = library().open_group(path, mode="r+")
+    frames = group[MASKS].shape[1]
+    for name in {VIDEO, ERRORS} & set(group.array_keys()):
+        group[name][start * frames : stop * frames] = np.nan
 
 
 def put_record(path: Path, n: int, record: dict[str, Any]) -> None:
@@ -128,9 +144,11 @@ def stored_bytes(path: Path, n: int, arrays: tuple[str, ...]) -> int:
 
 
 def sweep(path: Path) -> None:
-    """Remove what a killed process left half written beside the records."""
-    for left in (path / RECORDS).glob(".*"):
-        left.unlink(missing_ok=True)
+    """Remove what a killed process left half written."""
+    arrays = ((path / name).rglob("*.partial") for name in (VIDEO, ERRORS))  # names of zarr
+    for left in chain(path.glob(".*"), (path / RECORDS).glob(".*"), *arrays):
+        if left.is_file():
+            left.unlink(missing_ok=True)
 
 
 def _record(path: Path, n: int) -> Path:
@@ -139,9 +157,5 @@ def _record(path: Path, n: int) -> Path:
 
 def _write(file: Path, content: dict[str, Any]) -> None:
     temporary = file.parent / f".{uuid4().hex[:12]}"
-    temporary.write_text(json.dumps(finite(content), default=_as_json, indent=1), encoding="utf-8")
+    temporary.write_text(as_json(finite(content), indent=1), encoding="utf-8")
     os.replace(temporary, file)
-
-
-def _as_json(value: Any) -> Any:
-    return value.tolist() if isinstance(value, (np.ndarray, np.generic)) else str(value)

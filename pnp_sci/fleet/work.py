@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import logging
+import re
 import sys
 import threading
 import time
@@ -14,11 +15,14 @@ from typing import Any
 import numpy as np
 
 from pnp_sci._optional import needed_for
+from pnp_sci.accel.threads import limited
 from pnp_sci.api import decode, solve
 from pnp_sci.fleet import store
 from pnp_sci.fleet.job import Chunk, Job
+from pnp_sci.formats.plain import as_json
 from pnp_sci.pipeline.provenance import digest
 from pnp_sci.plugins.registry import available
+from pnp_sci.plugins.resolve import decoder_for
 from pnp_sci.results.result import Result
 
 with needed_for("a fleet of measurements", "cluster"):
@@ -26,17 +30,18 @@ with needed_for("a fleet of measurements", "cluster"):
     from distributed import WorkerPlugin, get_worker
 
 _log = logging.getLogger("pnp_sci")
-QUICK = ("noise", "bad", "scene", "device", "seed", "threads")  # options that a preview has too
+OF_ANY = "noise", "bad", "scene"  # options that each preview has too
+OF_PRIORS = "device", "seed", "threads"  # ... one by a prior
 
 
-class Carrier(WorkerPlugin):
+class JobPlugin(WorkerPlugin):
     """Brings a job to each worker once, also to those that start later."""
 
     def __init__(self, job: Job):
         self.job, self.name = job, job.name
 
     def setup(self, worker: Any) -> None:
-        """Leave warnings to the records, if the process has no other purpose."""
+        """In a worker process, warnings go to the records only."""
         if worker.nanny:
             _log.propagate = False
 
@@ -50,47 +55,53 @@ def solve_chunk(job_name: str, chunk: Chunk, y: np.ndarray | None, preview: bool
         "errors", the number of measurements that failed, and if `measure`, "seconds" and "memory" in bytes, both
         without what only the first chunk of a process takes.
     """
-    carrier: Any = get_worker().plugins[job_name]
-    job: Job = carrier.job
+    plugin: Any = get_worker().plugins[job_name]
+    job: Job = plugin.job
     path, facts = Path(job.store), {"settings": job.fingerprint, "method": job.preview if preview else "solve"}
     began = time.perf_counter()
-    with _heard() as warnings:
+    with _collected_warnings() as warnings:
         try:
             around = job.around(chunk, preview)
             y = job.source.read(*around) if y is None else y
             if measure:
                 _reconstruct(job, y, preview, iterations=1)  # kernels and weights are loaded
+                warnings.clear()
                 began = time.perf_counter()
             result = _reconstruct(job, y, preview)
+            as_json([result.settings, result.scenes])  # raises an error for what a record cannot hold
         except Exception as error:
             put_failures(path, chunk, facts, error)
             return {"errors": chunk.stop - chunk.start}
     inside = slice(chunk.start - around.start, chunk.stop - around.start)
+    store.forget(path, *chunk)
     store.put_videos(path, chunk.start, result.x[inside])
     if result.uncertainty is not None:
         store.put_videos(path, chunk.start, result.uncertainty[inside], store.ERRORS)
     if measure:
         store.show_white(path, result.white)
     seconds = time.perf_counter() - began
-    each = facts | {"seconds": seconds / len(result.x[inside]), "warnings": warnings, "result": result.settings}
+    each = facts | {"read": digest(y), "seconds": seconds / len(result.x[inside]), "warnings": warnings}
+    each |= {"result": result.settings}
     for n in range(chunk.start, chunk.stop):
-        store.put_record(path, n, {"measurement": n} | _said(result, y, n - around.start) | each)
+        store.put_record(path, n, {"measurement": n} | _facts_of(result, y, n - around.start) | each)
     return {"errors": 0, "seconds": seconds, "memory": peak_memory()}
 
 
 def _reconstruct(job: Job, y: np.ndarray, preview: bool, **more: Any) -> Result:
     """The videos (n, V, B, H, W) of measurements y (n, H, W)."""
     if preview:
-        quick = {name: value for name, value in job.options.items() if name in QUICK}
+        quick = {name: job.options[name] for name in OF_ANY if name in job.options}
         if job.preview in available("decoders"):
-            quick = {name: quick[name] for name in QUICK[:4] if name in quick}
-            return decode(y, job.masks, job.preview, **quick)
-        return solve(y, job.masks, job.preview, effort="fast", **quick | more)
+            decoder = decoder_for("preview", job.preview, {}, job.options.get("device"))
+            with limited(job.options.get("threads")):
+                return decode(y, job.masks, decoder, **quick)
+        quick |= {name: job.options[name] for name in OF_PRIORS if name in job.options}
+        return solve(y, job.masks, job.preview, effort="fast", **quick)
     together: dict[str, Any] = {"sequence": True} if job.sequence else {}
     return solve(y, job.masks, **(job.options | together | more))
 
 
-def _said(result: Result, y: np.ndarray, n: int) -> dict[str, Any]:
+def _facts_of(result: Result, y: np.ndarray, n: int) -> dict[str, Any]:
     """What a result says of its n-th measurement."""
     last = [record for record in result.history if record.measurement <= n][-1:]  # of a sequence, that of its window
     scene = result.scenes[n] if n < len(result.scenes) else {}
@@ -107,15 +118,16 @@ def _said(result: Result, y: np.ndarray, n: int) -> dict[str, Any]:
 
 
 def put_failures(path: Path, chunk: Chunk, facts: dict[str, Any], error: BaseException) -> None:
-    """Record that the measurements of a chunk failed."""
+    """Record that the measurements of a chunk failed; no earlier video of them stays."""
     text = " ".join(f"{type(error).__name__}: {error}".split())
     said = {"status": f"failed: {text}", "ok": False, "error": text, "seconds": None, "remarks": [], "warnings": []}
-    for n in range(chunk.start, chunk.stop):
+    store.clear(path, *chunk)
+    for n in range(*chunk):
         store.put_record(path, n, {"measurement": n} | facts | said)
 
 
 @contextmanager
-def _heard() -> Iterator[list[str]]:
+def _collected_warnings() -> Iterator[list[str]]:
     """Context with the list of what this thread logs as warnings of this package."""
     texts, thread = [], threading.get_ident()
     handler = logging.Handler(logging.WARNING)
@@ -129,8 +141,11 @@ def _heard() -> Iterator[list[str]]:
 
 def peak_memory() -> int:
     """Largest memory of this process so far, in bytes."""
+    status = Path("/proc/self/status")  # of Linux, where ru_maxrss includes the parent before exec
+    if status.exists() and (found := re.search(r"VmHWM:\s*(\d+) kB", status.read_text())):
+        return 1024 * int(found[1])
     try:
         import resource
     except ImportError:  # Windows
-        return psutil.Process().memory_info().rss
+        return getattr(psutil.Process().memory_info(), "peak_wset")  # noqa: B009, only there
     return resource.getrusage(resource.RUSAGE_SELF).ru_maxrss * (1 if sys.platform == "darwin" else 1024)

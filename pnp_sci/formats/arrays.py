@@ -85,6 +85,7 @@ _READERS: dict[str, Callable[[Path], Arrays]] = {
     ".gif": _only(film.load_gif),
     "folder": _only(pictures.load_folder),
 }
+READABLE = tuple(suffix for suffix in _READERS if suffix != "folder")
 _WRITERS: dict[str, Callable[[Path, Arrays], None]] = {
     ".mat": mat.save,
     ".npy": lambda path, arrays: np.save(path, arrays[ONLY], allow_pickle=False),

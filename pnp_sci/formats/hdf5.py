@@ -37,12 +37,16 @@ def h5py() -> Any:
     return h5py
 
 
-def _read(path: Path, matlab: bool) -> dict[str, np.ndarray]:
+def opened(path: Path) -> Any:
+    """A file to be read; a FormatError if another program writes to it."""
     try:
-        file = h5py().File(path, "r")
+        return h5py().File(path, "r")
     except BlockingIOError:
-        raise FormatError("another program has it open for writing: close it there first") from None
-    with file:
+        raise FormatError(f"{path}: another program has it open for writing: close it there first") from None
+
+
+def _read(path: Path, matlab: bool) -> dict[str, np.ndarray]:
+    with opened(path) as file:
         return {
             name: array for name, item in _datasets(file, "", matlab) for array in _arrays(path, name, item, matlab)
         }

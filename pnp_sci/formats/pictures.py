@@ -66,12 +66,17 @@ def load_folder(path: Path) -> np.ndarray:
     files = [f for f in path.iterdir() if f.suffix.lower() in FRAMES and f.name[0] != "." and f.is_file()]
     if not files:
         raise FormatError(f"{path}: the folder has no pictures; known are {', '.join(sorted(FRAMES))}")
-    files.sort(key=lambda file: [int(p) if n % 2 else p for n, p in enumerate(re.split(r"([0-9]+)", file.name))])
+    files.sort(key=numbered)
     frames = [load_png(f) if f.suffix.lower() == ".png" else _only_page(f) for f in files]
     kinds = {(frame.shape, str(frame.dtype)) for frame in frames}
     if len(kinds) > 1:
         raise FormatError(f"{path}: the pictures have different sizes or types: {sorted(kinds)}")
     return np.stack(frames)
+
+
+def numbered(file: Path) -> list[Any]:
+    """Sort key: numbers in names count as numbers."""
+    return [int(part) if n % 2 else part for n, part in enumerate(re.split(r"([0-9]+)", file.name))]
 
 
 def _only_page(path: Path) -> np.ndarray:

@@ -11,13 +11,16 @@ from contextlib import contextmanager
 from pathlib import Path
 from uuid import uuid4
 
+from pnp_sci.errors import FormatError
+from pnp_sci.formats import zarr
+
 
 @contextmanager
 def replacing(path: Path) -> Iterator[Path]:
     """Context with a temporary path that replaces `path` at the end, or is removed after an exception.
 
-    A link stays, and what it points to is replaced. A device or a pipe is written to. Of folders only a Zarr store of
-    this package is replaced: it stays under its name until the new one is complete.
+    A link stays, and what it points to is replaced. A device or a pipe is written to. Of folders only a result in
+    Zarr is replaced: it stays under its name until the new one is complete.
 
     Raises
     ------
@@ -56,9 +59,14 @@ def replacing(path: Path) -> Iterator[Path]:
 
 
 def is_own_store(place: Path) -> bool:
-    """Whether a folder is a Zarr store that this package wrote."""
-    head = place / "zarr.json"
-    return place.suffix.lower() == ".zarr" and head.is_file() and b'"pnp_sci"' in head.read_bytes()
+    """Whether a folder is a result that :func:`pnp_sci.formats.zarr.save` wrote."""
+    if place.suffix.lower() != ".zarr":
+        return False
+    try:
+        zarr.texts_of(place)
+    except FormatError:
+        return False
+    return True
 
 
 def _swap(new: Path, place: Path) -> None:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
@@ -9,9 +10,10 @@ from typing import Any
 import numpy as np
 
 from pnp_sci._optional import needed_for
+from pnp_sci.errors import FormatError
 
 AXES = "t", "c", "y", "x"  # OME-Zarr wants time first
-MARK = "pnp_sci"  # attribute of the stores that this package writes, which it may replace
+MARK = "pnp_sci"  # attribute of the stores that this package writes
 Named = tuple[np.ndarray, tuple[str, ...], tuple[int, ...]]  # array, names of its dimensions, shape of a chunk
 
 
@@ -33,10 +35,28 @@ def save(path: Path, arrays: Mapping[str, Named], texts: Mapping[str, Any]) -> N
             made[...] = array
 
 
+def texts_of(path: Path) -> dict[str, Any]:
+    """The texts of a result that :func:`save` wrote; no array is read.
+
+    Raises
+    ------
+    FormatError
+        If the folder is something else.
+    """
+    try:
+        texts = dict(json.loads((path / "zarr.json").read_text(encoding="utf-8"))["attributes"][MARK])
+    except (OSError, KeyError, TypeError, ValueError) as error:
+        raise FormatError("it is a store of other software") from error
+    if "status" not in texts:
+        raise FormatError("it has no status; pnp_sci.Reconstruction opens what pnp_sci.reconstruct has written")
+    return texts
+
+
 def load(path: Path) -> tuple[dict[str, np.ndarray], dict[str, Any]]:
     """The arrays of a store that :func:`save` wrote, and its texts."""
+    texts = texts_of(path)
     group = library().open_group(path, mode="r")
-    return {name: np.asarray(item[...]) for name, item in group.arrays()}, dict(group.attrs[MARK])
+    return {name: np.asarray(item[...]) for name, item in group.arrays()}, texts
 
 
 def _ome() -> dict[str, Any]:

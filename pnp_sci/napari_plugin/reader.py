@@ -42,10 +42,9 @@ def layers_of(result: Result, name: str) -> list[Layer]:
     kept = {"contrast_limits": (0.0, result.white), "colormap": "gray"}
     layers = _layers(result.videos, name, visible=True, metadata=about, **kept)
     if result.uncertainty is not None:
-        errors = np.nan_to_num(result.uncertainty)
-        largest = float(errors.max()) or 1.0
-        errors = errors.reshape(result.videos.shape)
-        kept = {"contrast_limits": (0.0, largest), "colormap": "magma"}
+        errors = result.uncertainty.reshape(result.videos.shape)
+        largest = float(errors.max(initial=0, where=np.isfinite(errors)))
+        kept = {"contrast_limits": (0.0, largest or 1.0), "colormap": "magma"}
         layers += _layers(errors, f"{name} uncertainty", visible=False, **kept)
     return layers
 

@@ -8,8 +8,8 @@ import numpy as np
 
 from pnp_sci._optional import needed_for
 from pnp_sci._validate import positive_number
+from pnp_sci.formats.plain import as_json
 from pnp_sci.results.history import History
-from pnp_sci.results.storage import as_json
 
 if TYPE_CHECKING:
     from xarray import Dataset

@@ -9,9 +9,10 @@ from typing import Any
 
 import numpy as np
 
-from pnp_sci.errors import FormatError, InputTypeError, MissingExtraError
+from pnp_sci.errors import FormatError, MissingExtraError
 from pnp_sci.formats import hdf5, mat, npz
 from pnp_sci.formats.child import apart
+from pnp_sci.formats.plain import as_json
 from pnp_sci.formats.replacing import replacing
 from pnp_sci.results import in_zarr
 from pnp_sci.results.channels import as_channels, in_colour
@@ -19,6 +20,7 @@ from pnp_sci.results.history import History, Status
 
 Arrays = dict[str, np.ndarray]
 Texts = dict[str, str]
+VIDEOS = "x", "uncertainty"
 
 _EARLIER_STATUSES = {  # sentences that older files hold
     "the residual grew: the best iterate before that is returned": Status.DIVERGED,
@@ -72,11 +74,6 @@ def load(path: Path) -> dict[str, Any]:
         raise FormatError(f"{path} cannot be read as a result: {reason}") from error
 
 
-def as_json(value: Any) -> str:
-    """Settings or scenes as text."""
-    return json.dumps(value, default=_plain)
-
-
 def _fields(parts: Mapping[str, Any]) -> dict[str, Any]:
     settings, x, status = json.loads(str(parts["settings"])), parts["x"], str(parts["status"])
     colour = bool(settings.get("mosaic")) if isinstance(settings, dict) else False
@@ -117,21 +114,14 @@ def _check_suffix(path: Path) -> None:
         raise FormatError(f"{path}: a result is kept in {', '.join(SUFFIXES)}, but {path.suffix or 'no suffix'} came")
 
 
-def _plain(value: Any) -> Any:
-    if isinstance(value, np.ndarray | np.generic) and value.dtype.kind in "biufU":
-        return value.tolist()
-    if isinstance(value, Path):
-        return str(value)
-    raise InputTypeError(f"settings or scenes hold {value!r} of type {type(value).__name__}: JSON has no such thing")
-
-
 def _write_npz(path: Path, arrays: Arrays, texts: Texts) -> None:
     npz.save(path, arrays | {key: np.array(text) for key, text in texts.items()}, packed=False)
 
 
 def _read_npz(path: Path) -> Mapping[str, Any]:
     with path.open("rb") as stream, np.load(stream, allow_pickle=False) as file:
-        return dict(file)
+        needed = {name: file[name] for name in ("status", "settings", "history", "x")}  # videos last: others have them
+        return needed | {name: file[name] for name in ("scenes", "scene", "uncertainty") if name in file}
 
 
 def _write_hdf5(path: Path, arrays: Arrays, texts: Texts) -> None:
@@ -153,34 +143,41 @@ def _in_colour(texts: Mapping[str, Any]) -> bool:
 
 def _parts(path: Path) -> dict[str, np.ndarray]:
     """Arrays and, as bytes, texts."""
-    with hdf5.h5py().File(path, "r") as file:
+    with hdf5.opened(path) as file:
+        if "status" not in file.attrs:
+            raise FormatError("it has no status")
         texts = {key: np.frombuffer(str(text).encode(), np.uint8) for key, text in file.attrs.items()}
-        return texts | {key: np.asarray(file[key]) for key in ("x", "history", "uncertainty") if key in file}
+        return texts | {key: np.asarray(file[key]) for key in (*VIDEOS, "history") if key in file}
+
+
+def _changed(parts: Mapping[str, Any], change: Callable[[np.ndarray], np.ndarray]) -> dict[str, Any]:
+    """The parts with other axes of all that is shaped like the video."""
+    return {**parts, **{name: change(parts[name]) for name in VIDEOS if name in parts}}
 
 
 def _write_mat(path: Path, arrays: Arrays, texts: Texts) -> None:
     if _in_colour(texts):  # rows and columns first in MATLAB, then colours
-        arrays = arrays | {"x": np.moveaxis(arrays["x"], -1, -3)}
+        arrays = _changed(arrays, lambda video: np.moveaxis(video, -1, -3))
     mat.save(path, arrays, texts | {"shape": json.dumps(arrays["x"].shape)})
 
 
 def _read_mat(path: Path) -> Mapping[str, Any]:
     """MATLAB drops last axes of length 1, which are our first ones."""
-    arrays, texts = mat.load(path), mat.load_texts(path)
-    for name in {"x", "uncertainty"} & set(arrays):
-        arrays[name] = np.ascontiguousarray(arrays[name]).reshape(json.loads(texts["shape"]))
+    texts = mat.load_texts(path)
+    shape = json.loads(texts["shape"])
+    arrays = _changed(mat.load(path), lambda video: np.ascontiguousarray(video).reshape(shape))
     if _in_colour(texts):
-        arrays["x"] = np.moveaxis(arrays["x"], -3, -1)
+        arrays = _changed(arrays, lambda video: np.moveaxis(video, -3, -1))
     return arrays | texts
 
 
 def _write_zarr(path: Path, arrays: Arrays, texts: Texts) -> None:
-    in_zarr.write(path, arrays | {"x": as_channels(arrays["x"])} if _in_colour(texts) else arrays, texts)
+    in_zarr.write(path, _changed(arrays, as_channels) if _in_colour(texts) else arrays, texts)
 
 
 def _read_zarr(path: Path) -> Mapping[str, Any]:
     parts = in_zarr.read(path)
-    return {**parts, "x": in_colour(parts["x"])} if _in_colour(parts) else parts
+    return _changed(parts, in_colour) if _in_colour(parts) else parts
 
 
 _WRITERS: dict[str, Callable[[Path, Arrays, Texts], None]] = {
