@@ -24,6 +24,7 @@ from pnp_sci.cli.inputs import (
     solver_options,
     stages,
 )
+from pnp_sci.errors import SolverError
 
 
 @click.command(cls=Command)
@@ -85,10 +86,12 @@ def reconstruct(
             **prior_options,
         )
     click.echo(repr(result))
-    failed = (record for record in result.records() if record["error"])
-    for record in islice(failed, 10):
-        click.echo(f"Measurement {record['measurement']}: {record['error']}", err=True)
-    result.raise_for_status()
+    try:
+        result.raise_for_status()
+    except SolverError:
+        for record in islice((record for record in result.records() if record["error"]), 10):
+            click.echo(f"Measurement {record['measurement']}: {record['error']}", err=True)
+        raise
 
 
 @contextmanager

@@ -53,16 +53,16 @@ def workers_of(client: Any, job: Job, workers: int) -> Iterator[Team]:
     connected = Client(local if local is not None else client) if own else client
     try:
         connected.register_plugin(JobPlugin(job.for_workers()))
-        yield Team(connected, local, job)
-    finally:
         try:
-            if local is None:
-                connected.unregister_worker_plugin(job.name)
+            yield Team(connected, local, job)
         finally:
-            if own:
-                connected.close()
-            if local is not None:
-                local.close()
+            if local is None:  # on a cluster of others nothing stays
+                connected.unregister_worker_plugin(job.name)
+    finally:
+        if own:
+            connected.close()
+        if local is not None:
+            local.close()
 
 
 class Team:

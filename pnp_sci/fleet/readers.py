@@ -128,7 +128,7 @@ def is_zarr(path: Path) -> bool:
 
 def of_zarr(source: Any) -> Zarr | None:
     """The reader of an open array that is in a folder; None of anything else."""
-    place = getattr(source, "store_path", None)
+    place: Any = getattr(source, "store_path", None)
     root = getattr(getattr(place, "store", None), "root", None)
     return Zarr(root.resolve(), place.path) if isinstance(root, Path) else None
 

@@ -62,7 +62,7 @@ def solve_chunk(job_name: str, chunk: Chunk, y: np.ndarray | None, preview: bool
     with _collected_warnings() as warnings:
         try:
             around = job.around(chunk, preview)
-            y = job.source.read(*around) if y is None else y
+            y = np.asarray(job.source.read(*around) if y is None else y)
             if measure:
                 _reconstruct(job, y, preview, iterations=1)  # kernels and weights are loaded
                 warnings.clear()

@@ -1,5 +1,9 @@
 """What may be a source, and that only what is asked for is read."""
 
+import os
+import subprocess
+import sys
+
 import numpy as np
 import pytest
 from small import capture
@@ -103,9 +107,106 @@ def test_one_picture_is_one_measurement(tmp_path):
         np.testing.assert_array_equal(open_source(source).read(0, 1), Y[:1])
 
 
-def test_a_part_of_a_mapped_file_is_that_part(tmp_path):
-    part = as_memmap(tmp_path)[1:3]
-    np.testing.assert_array_equal(open_source(part).read(0, 2), Y[1:3])
+@pytest.mark.parametrize(
+    "seen",
+    [
+        lambda m: m[1:3], lambda m: m[::-1], lambda m: m[:, ::-1], lambda m: m[:, :, ::-1], lambda m: m[:, :4],
+        lambda m: m.swapaxes(1, 2), lambda m: m[::2], lambda m: m[2], lambda m: m.view(np.int16), lambda m: m + 1,
+        lambda m: m.copy(), lambda m: m[:],
+    ],
+)  # fmt: skip
+def test_what_is_seen_of_a_mapped_file_is_read(tmp_path, seen):
+    """The values of the array that was given, not those of the file that it is a part of."""
+    array = seen(as_memmap(tmp_path))
+    expected = np.array(array if array.ndim == 3 else array[None])
+    source = open_source(array)
+    np.testing.assert_array_equal(source.read(0, source.count), expected)
+    assert source.dtype == expected.dtype
+
+
+def test_changes_of_a_copy_on_write_are_read(tmp_path):
+    array = np.load(as_npy(tmp_path), mmap_mode="c")
+    array[1] = 7
+    assert (open_source(array).read(1, 2) == 7).all()
+
+
+@pytest.mark.parametrize("name", ["y.npz", "y.npy", "y.tif", "y.mat", "y.h5", "y.png"])
+def test_a_file_that_is_written_anew_is_read_anew(tmp_path, name):
+    """By the source that was opened before, and by another one; also within a folder."""
+    whole = Y[:1] if name.endswith("png") else Y
+    other = whole[:, ::-1].copy()
+    for given in (tmp_path / name, tmp_path, [tmp_path / name]):
+        for array in (whole, other):
+            io.write(tmp_path / name, array[0] if name.endswith("png") else array)
+            if array is whole:
+                source = open_source(given)
+            for opened in (source, open_source(given)):
+                np.testing.assert_array_equal(opened.read(0, 1), array[:1])
+
+
+@pytest.mark.parametrize("made", [as_pages, as_packed_stack, as_stack])
+@pytest.mark.parametrize("in_folder", [False, True])
+def test_reading_a_page_looks_at_no_others(tmp_path, monkeypatch, made, in_folder):
+    tifffile = pytest.importorskip("tifffile")
+    path = made(tmp_path)
+    source, looked = open_source(tmp_path if in_folder else path), []
+    source.read(0, 1)
+    for kind in ("TiffPage", "TiffFrame"):
+
+        class Counted(getattr(tifffile, kind)):
+            def __init__(self, *arguments, **options):
+                looked.append(1)
+                super().__init__(*arguments, **options)
+
+        monkeypatch.setattr(tifffile.tifffile, kind, Counted)
+    np.testing.assert_array_equal(source.read(3, 4), Y[3:4])
+    assert len(looked) <= 2  # the first, and that one
+
+
+def test_colours_are_no_measurements(tmp_path):
+    tifffile = pytest.importorskip("tifffile")
+    for options in ({}, {"compression": "zlib"}):
+        tifffile.imwrite(tmp_path / "y.tif", np.zeros((8, 8, 3), np.uint8), photometric="rgb", **options)
+        with pytest.raises(FormatError, match="grey pictures"):
+            open_source(tmp_path / "y.tif")
+
+
+def test_a_folder_holds_files_of_known_formats(tmp_path, caplog):
+    as_folder(tmp_path)
+    for name in ("notes.txt", "Thumbs.db", "y.PNG.bak", "README"):
+        (tmp_path / name).write_bytes(b"no picture")
+    source = open_source(tmp_path)
+    np.testing.assert_array_equal(source.read(0, 5), Y)
+    assert "README, Thumbs.db, notes.txt, y.PNG.bak" in caplog.text
+    for file in tmp_path.glob("*.png"):
+        file.unlink()
+    with pytest.raises(FormatError, match=r"no files of these kinds: .*\.zarr"):
+        open_source(tmp_path)
+
+
+def test_a_relative_folder_is_found_from_elsewhere(tmp_path, monkeypatch):
+    zarr = pytest.importorskip("zarr")
+    as_zarr_group(tmp_path)
+    monkeypatch.chdir(tmp_path)
+    sources = [
+        open_source("g.zarr"),
+        open_source(zarr.open_array("g.zarr/raw/y")),
+        open_source(zarr.open("g.zarr")["raw/y"]),
+    ]
+    monkeypatch.chdir(os.sep)
+    for source in sources:
+        assert source.travels
+        np.testing.assert_array_equal(source.read(1, 3), Y[1:3])
+
+
+def test_hdf5_that_is_being_written_is_named(tmp_path):
+    h5py = pytest.importorskip("h5py")
+    path = as_hdf5(tmp_path)
+    with h5py.File(path, "r+"):
+        code = f"from pnp_sci.fleet.source import open_source; open_source({str(path)!r})"
+        done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True)
+    assert f"{path}: another program has it open for writing" in done.stderr
+    assert "damaged" not in done.stderr.splitlines()[-1]
 
 
 class Counting:
@@ -143,7 +244,7 @@ def test_a_damaged_file_among_others_is_met_in_its_turn(tmp_path):
 def test_what_is_no_source_is_named(tmp_path):
     with pytest.raises(FileNotFoundError, match=r"missing\.npy"):
         open_source(tmp_path / "missing.npy")
-    with pytest.raises(FormatError, match="no files"):
+    with pytest.raises(FormatError, match="no files of these kinds"):
         open_source(tmp_path)
     with pytest.raises(InputError, match=r"source has shape \(3,\)"):
         open_source(np.ones(3))

@@ -1,5 +1,6 @@
 """The plugin for napari: its reader needs no napari, its manifest is valid."""
 
+import importlib.util
 import time
 from pathlib import Path
 
@@ -29,10 +30,41 @@ def test_a_result_becomes_layers(tmp_path, suffix):
     assert {kind for *_, kind in layers} == {"image"}
 
 
+@pytest.mark.parametrize("known", [1.0, np.nan, 0.0])
+def test_what_is_not_known_of_errors_stays_unknown(known):
+    errors = np.full_like(X, np.nan)
+    errors[0, 0] = known
+    *_, (first, kept, _), (second, _, _) = reader.layers_of(
+        Result(X, Status.CONVERGED, History(), {}, uncertainty=errors), "r"
+    )
+    np.testing.assert_array_equal(np.stack([first, second]), errors.swapaxes(0, 1).reshape(2, 6, 8, 6))
+    assert kept["contrast_limits"] == (0, 1)
+
+
 def test_other_files_are_left_to_other_readers(tmp_path):
-    io.write(tmp_path / "y.npz", {"y": np.ones((3, 3))})
-    for path in (str(tmp_path / "y.npz"), str(tmp_path / "none.zarr"), ["a.npz", "b.npz"]):
-        assert reader.reader(path) is None
+    for name in ("y.npz", "y.h5", "y.mat", "x.npz"):
+        if not name.endswith("h5") or importlib.util.find_spec("h5py"):
+            io.write(tmp_path / name, {name[0]: np.ones((3, 3))})
+    for name in ("y.npz", "y.h5", "y.mat", "x.npz", "none.zarr"):
+        assert reader.reader(str(tmp_path / name)) is None
+    assert reader.reader(["a.npz", "b.npz"]) is None
+
+
+def test_what_is_left_to_others_is_not_read(tmp_path, monkeypatch):
+    """Neither a store of other software, nor videos of a fleet, nor large arrays of an archive."""
+    zarr = pytest.importorskip("zarr")
+    np.savez(tmp_path / "y.npz", x=np.ones((3, 3)), y=np.ones((3, 3)))
+    for name, attributes in (("a", {}), ("b", {"pnp_sci": {"format": 1, "settings": {}}})):
+        group = zarr.create_group(tmp_path / f"{name}.zarr", attributes=attributes)
+        group.create_array("0", data=np.ones((3, 3)))
+
+    def read(*arguments, **options):
+        pytest.fail("an array was read")
+
+    monkeypatch.setattr(zarr.Array, "__getitem__", read)
+    monkeypatch.setattr(np.lib.format, "read_array", read)
+    for name in ("y.npz", "a.zarr", "b.zarr"):
+        assert reader.reader(str(tmp_path / name)) is None
 
 
 def test_the_widget_recovers_from_files(tmp_path):

@@ -1,5 +1,7 @@
 """Results in colour: files, films, pictures, figures and scores."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from PIL import Image
@@ -27,9 +29,11 @@ def test_files_keep_it(tmp_path, suffix, several):
     if suffix == "zarr":
         pytest.importorskip("zarr")
     before = result(*several)
+    before = replace(before, uncertainty=np.where(before.x > 0.5, before.x / 10, np.nan))
     before.save(tmp_path / f"r.{suffix}")
     after = Result.load(tmp_path / f"r.{suffix}")
     assert np.array_equal(after.x, before.x)
+    np.testing.assert_array_equal(after.uncertainty, before.uncertainty)
     assert after.settings == before.settings
     if suffix != "zarr":
         assert np.array_equal(io.read_video(tmp_path / f"r.{suffix}", colour=True), before.x)

@@ -97,10 +97,18 @@ def test_an_interrupted_write_keeps_the_earlier_store(tmp_path, monkeypatch):
         assert os.listdir(tmp_path) == ["r.zarr"]
 
 
-def test_a_store_of_others_is_neither_replaced_nor_read(tmp_path):
-    zarr.open_group(tmp_path / "r.zarr", mode="w").attrs["mine"] = 1
+@pytest.mark.parametrize(
+    "attributes",
+    [
+        {"mine": 1}, {"mine": {"pnp_sci": {"status": "mine"}}}, {"pnp_sci": {"format": 1, "settings": {}}},
+        {"pnp_sci": "status"}, {"pnp_sci": ["status"]}, {"pnp_sci": None}, {"pnp_sci": {}},
+    ],
+)  # fmt: skip
+def test_a_store_of_others_is_neither_replaced_nor_read(tmp_path, attributes):
+    zarr.open_group(tmp_path / "r.zarr", mode="w").attrs.update(attributes)
     with pytest.raises(FileExistsError, match="remove it first"):
         make().save(tmp_path / "r.zarr")
+    assert dict(zarr.open_group(tmp_path / "r.zarr", mode="r").attrs) == attributes
     with pytest.raises(FormatError, match="cannot be read as a result"):
         Result.load(tmp_path / "r.zarr")
     with pytest.raises(FileNotFoundError):
@@ -112,6 +120,7 @@ def test_xarray_has_axes_times_and_the_record():
     data = result.to_xarray(fps=4)
     assert data.video.dims == data.uncertainty.dims == ("measurement", "view", "frame", "y", "x")
     assert np.array_equal(data.video.sel(measurement=0, view=1, frame=2), result.x[1, 2])
+    assert np.array_equal(data.uncertainty.sel(measurement=0, view=1, frame=2), result.uncertainty[1, 2])
     assert data.time.values.tolist() == [0, 0.25, 0.5]
     assert json.loads(data.attrs["remarks"]) == ["hot pixels"]
     assert json.loads(data.attrs["settings"]) == result.settings

@@ -1,0 +1,121 @@
+"""A second call with the same folder: what is done again, what is refused, and that nothing old stays."""
+
+import numpy as np
+import pytest
+from small import FAST, capture, files
+
+import pnp_sci
+from pnp_sci import Result, io
+from pnp_sci.errors import FormatError, InputError
+from pnp_sci.fleet import store
+
+pytest.importorskip("distributed")
+pytest.importorskip("zarr")
+
+
+def times(out):
+    return [(out / "records" / f"{n:07d}.json").stat().st_mtime_ns for n in range(5)]
+
+
+def test_a_result_is_neither_replaced_nor_opened_as_one_video(client, tmp_path):
+    y, masks = capture()
+    out = tmp_path / "v.zarr"
+    pnp_sci.reconstruct(y, masks, out, client, **FAST)
+    before = {f: f.read_bytes() for f in out.rglob("*") if f.is_file()}
+    alone = pnp_sci.solve(y[0], masks, **FAST)
+    with pytest.raises(FileExistsError, match="remove it first"):
+        alone.save(out)
+    assert {f: f.read_bytes() for f in out.rglob("*") if f.is_file()} == before
+    with pytest.raises(FormatError, match=r"pnp_sci\.Reconstruction opens"):
+        Result.load(out)
+    alone.save(tmp_path / "alone.zarr")
+    with pytest.raises(FormatError, match="no result of pnp-sci reconstruct"):
+        pnp_sci.reconstruct(y, masks, tmp_path / "alone.zarr", client, **FAST)
+
+
+@pytest.mark.parametrize(
+    ("first", "then"),
+    [({}, {"bad": None}), ({"tol": 0}, {"tol": 0.0}), ({"noise": 1.0}, {"noise": 1}), ({"sigma": None}, {})],
+)
+def test_equal_options_in_other_words_are_the_same(client, tmp_path, first, then):
+    y, masks = capture()
+    out = tmp_path / "v.zarr"
+    pnp_sci.reconstruct(y, masks, out, client, **FAST, **first)
+    before = times(out)
+    assert pnp_sci.reconstruct(y, masks, out, client, **FAST, **then).ok
+    assert times(out) == before
+
+
+def test_masks_of_the_same_bytes_are_other_masks(client, tmp_path):
+    y, masks = capture(frames=4)
+    pnp_sci.reconstruct(y, masks, tmp_path / "v.zarr", client, **FAST)
+    with pytest.raises(InputError, match=r"size \[1, 4, 24, 24\] there, \[2, 2, 24, 24\] now"):
+        pnp_sci.reconstruct(y, masks.reshape(2, 2, 24, 24), tmp_path / "v.zarr", client, **FAST)
+
+
+def test_a_changed_neighbour_changes_a_sequence(client, tmp_path):
+    y, masks = capture()
+    out = tmp_path / "v.zarr"
+    pnp_sci.reconstruct(y, masks, out, client, sequence=2, **FAST)
+    before = times(out)
+    y[2] += 9
+    videos = pnp_sci.reconstruct(y, masks, out, client, sequence=2, **FAST)
+    assert [a != b for a, b in zip(times(out), before)] == [True, True, True, True, False]
+    together = pnp_sci.solve(y[:3], masks, sequence=True, **FAST)
+    np.testing.assert_array_equal(videos.video(1), together.x[1])
+    before = times(out)
+    assert pnp_sci.reconstruct(y, masks, out, client, sequence=2, **FAST).ok
+    assert times(out) == before
+
+
+def test_a_file_that_was_written_anew_is_solved_anew(client, tmp_path):
+    y, masks = capture()
+    out = tmp_path / "v.zarr"
+    io.write(tmp_path / "y.npz", {"y": y})
+    pnp_sci.reconstruct(tmp_path / "y.npz", masks, out, client, **FAST)
+    y[3] += 7
+    io.write(tmp_path / "y.npz", {"y": y})
+    videos = pnp_sci.reconstruct(tmp_path / "y.npz", masks, out, client, **FAST)
+    np.testing.assert_array_equal(videos.video(3), pnp_sci.solve(y[3], masks, **FAST).x)
+
+
+@pytest.mark.parametrize("options", [{}, {"uncertainty": True}, {"preview": "wavelet"}])
+def test_what_failed_has_no_video(client, tmp_path, options):
+    """Neither that of earlier measurements nor a preview; the others stay."""
+    y, masks = capture(dtype=np.float32)
+    out = tmp_path / "v.zarr"
+    pnp_sci.reconstruct(y, masks, out, client, **FAST, **options)
+    before = files(out)
+    y[2, 3, 3] = np.inf
+    videos = pnp_sci.reconstruct(y, masks, out, client, **FAST, **options)
+    assert not videos.ok
+    assert np.isnan(videos.video(2)).all()
+    assert videos.uncertainty is None or np.isnan(videos.uncertainty[8:12]).all()
+    assert files(out) == {name: content for name, content in before.items() if not name.startswith("0/c/2/")}
+
+
+def test_no_record_outlives_the_video_it_describes(client, tmp_path, monkeypatch):
+    """While a video is written over, there is no record of it."""
+    y, masks = capture()
+    out, put, seen = tmp_path / "v.zarr", store.put_videos, []
+    pnp_sci.reconstruct(y, masks, out, client, **FAST)
+    y[1] += 5
+
+    def watched(path, start, *others):
+        seen.append(store.record(path, start))
+        put(path, start, *others)
+
+    monkeypatch.setattr(store, "put_videos", watched)
+    assert pnp_sci.reconstruct(y, masks, out, client, **FAST).ok
+    assert seen == [None]
+
+
+def test_what_a_kill_left_is_swept(client, tmp_path):
+    y, masks = capture()
+    out = tmp_path / "v.zarr"
+    pnp_sci.reconstruct(y, masks, out, client, **FAST)
+    before = {f for f in out.rglob("*") if f.is_file()}
+    for name in (".1a2b", "records/.1a2b", "0/c/1/0/0/0.1a2b.partial"):
+        (out / name).write_bytes(b"half")
+    pnp_sci.reconstruct(y, masks, out, client, **FAST)
+    assert {f for f in out.rglob("*") if f.is_file()} == before
