@@ -5,12 +5,30 @@ from __future__ import annotations
 from bisect import bisect
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
-from typing import Any
+from typing import Any, SupportsIndex
 
+from pnp_sci.errors import InputError, InputIndexError
 from pnp_sci.results.history import History, Status
 
 EACH = "noise", "unit"  # settings that are a list, one entry a measurement
 SOLVED = "share", "plan", "statuses"  # ... one entry for each that was solved alone, or for each window of a sequence
+
+
+def chosen_by(index: SupportsIndex | slice, count: int) -> Sequence[int]:
+    """The numbers of the measurements that an index of `count` of them stands for.
+
+    >>> chosen_by(-1, 3), list(chosen_by(slice(1, None), 3))
+    ([2], [1, 2])
+    """
+    if isinstance(index, slice):
+        if not (several := range(count)[index]):
+            raise InputError(f"index is {index}: at least one of {count} measurements was expected")
+        return several
+    try:
+        return [range(count)[index]]
+    except IndexError:
+        expected = f"a whole number from {-count} to {count - 1} was expected, as there are {count} measurements"
+        raise InputIndexError(f"index is {index}: {expected}") from None
 
 
 def part(fields: Mapping[str, Any], count: int, chosen: Sequence[int], alone: bool) -> dict[str, Any]:

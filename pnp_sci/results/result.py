@@ -3,24 +3,17 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, SupportsIndex
 
-import numpy as np
-
-from pnp_sci import io
 from pnp_sci._validate import positive_number
-from pnp_sci.errors import FormatError, InputError, InputIndexError, SolverError
-from pnp_sci.formats import arrays as _formats
-from pnp_sci.formats import films_as_tiff
-from pnp_sci.formats.brightness import brightest, of_views, whites
-from pnp_sci.formats.pictures import save_png
-from pnp_sci.formats.replacing import replacing
-from pnp_sci.results import storage
-from pnp_sci.results.channels import as_channels
-from pnp_sci.results.history import History, Record, Status
-from pnp_sci.results.words import counted, in_words
+from pnp_sci.errors import InputError, SolverError
+from pnp_sci.formats.brightness import whites
+from pnp_sci.results import storage, words
+from pnp_sci.results.export import export
+from pnp_sci.results.fields import Fields
+from pnp_sci.results.part import chosen_by, part
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -30,7 +23,7 @@ if TYPE_CHECKING:
 
 
 @dataclass(frozen=True, eq=False, repr=False)
-class Result:
+class Result(Fields):
     """A reconstruction, with an honest record of how it was obtained.
 
     Attributes
@@ -52,23 +45,11 @@ class Result:
 
     Examples
     --------
+    >>> import numpy as np
+    >>> from pnp_sci import History, Record, Result, Status
     >>> Result(np.ones((2, 3, 4, 5)), Status.CONVERGED, History([Record(7, 0.5, 0.01, 0.0)]), {})
     Result(2 views x 3 frames of 4 x 5, 7 iterations in 0.5 s: the iterates stopped changing; residual 0.01)
     """
-
-    x: np.ndarray
-    status: Status
-    history: History
-    settings: dict[str, Any]
-    scenes: list[dict[str, Any]] = field(default_factory=list)
-    uncertainty: np.ndarray | None = None
-
-    def __array__(self, dtype: Any = None, copy: bool | None = None) -> np.ndarray:
-        return np.array(self.x, dtype) if copy else np.asarray(self.x, dtype)
-
-    def __len__(self) -> int:
-        """The number of measurements."""
-        return len(self.videos)
 
     def __getitem__(self, index: SupportsIndex | slice) -> Result:
         """The result of one measurement, or of some: video, history, scenes, plans and uncertainty of those alone.
@@ -84,25 +65,14 @@ class Result:
 
         Examples
         --------
+        >>> import numpy as np
+        >>> from pnp_sci import History, Result, Status
         >>> both = Result(np.ones((2, 1, 3, 4, 5)), Status.CONVERGED, History(), {})
         >>> len(both), both[-1].x.shape, both[:1].x.shape
         (2, (1, 3, 4, 5), (1, 1, 3, 4, 5))
         """
-        from pnp_sci.results.part import part
-
         count = len(self)
-        if isinstance(index, slice):
-            chosen = range(count)[index]
-            if not chosen:
-                raise InputError(f"index is {index}: at least one of {count} measurements was expected")
-        else:
-            try:
-                chosen = [range(count)[index]]
-            except IndexError:
-                expected = (
-                    f"a whole number from {-count} to {count - 1} was expected, as there are {count} measurements"
-                )
-                raise InputIndexError(f"index is {index}: {expected}") from None
+        chosen = chosen_by(index, count)
         fields = {name: getattr(self, name) for name in self.__dataclass_fields__}
         if not self._several:
             fields |= {name: None if (a := fields[name]) is None else a[None] for name in ("x", "uncertainty")}
@@ -111,53 +81,7 @@ class Result:
     def raise_for_status(self) -> None:
         """Raise a SolverError if the computation failed."""
         if not self.status.ok:
-            raise SolverError(f"{self.status.value} ({self._effort()})")
-
-    @property
-    def white(self) -> float:
-        """The value shown as white: ``settings["peak"]`` if there is one, else the 99.9th percentile of x."""
-        peak = self.settings.get("peak")
-        return float(peak) if peak else brightest(self.x)
-
-    @property
-    def scene(self) -> dict[str, Any]:
-        """What was found of the scene of the only measurement, see `scenes`.
-
-        Raises
-        ------
-        InputError
-            If there are several measurements.
-        """
-        if len(self.scenes) > 1:
-            raise InputError(f"scene: the result has {len(self.scenes)} measurements: scenes[n] was expected")
-        return self.scenes[0] if self.scenes else {}
-
-    @property
-    def remarks(self) -> list[str]:
-        """What to know before the result is used, a sentence each: parts not modelled, and faults of the measurement.
-
-        They are the entries "remarks" of `scenes`; of several measurements it is said which they concern.
-        """
-        concerned: dict[str, list[int]] = {}
-        for n, scene in enumerate(self.scenes):
-            for remark in scene.get("remarks", []):
-                concerned.setdefault(remark, []).append(n)
-        count = len(self.scenes)
-        return [text if len(ns) == count else f"measurement {counted(ns)}: {text}" for text, ns in concerned.items()]
-
-    @property
-    def videos(self) -> np.ndarray:
-        """The videos of all measurements, (N, V, B, H, W), in colour (N, V, B, H, W, 3)."""
-        return self.x if self._several else self.x[None]
-
-    @property
-    def in_colour(self) -> bool:
-        """Whether the last axis of the videos is red, green and blue: ``settings["mosaic"]`` says so."""
-        return bool(self.settings.get("mosaic"))
-
-    @property
-    def _several(self) -> bool:
-        return self.x.ndim == 5 + self.in_colour
+            raise SolverError(f"{self.status.value} ({words.effort(self.history)})")
 
     def save(self, path: str | Path) -> None:
         """Write NPZ, HDF5 (.h5, .hdf5), MAT or Zarr, which :meth:`load` reads; the rest is JSON in it, never pickle.
@@ -199,6 +123,8 @@ class Result:
 
         Examples
         --------
+        >>> import numpy as np
+        >>> from pnp_sci import History, Result, Status
         >>> result = Result(np.ones((2, 3, 4, 5)), Status.CONVERGED, History(), {})
         >>> result.to_xarray(fps=10).video.sel(view=1, frame=2).shape
         (1, 4, 5)
@@ -227,15 +153,17 @@ class Result:
 
         Examples
         --------
+        >>> import numpy as np
+        >>> from pnp_sci import History, Result, Status
         >>> shown = Result(np.ones((2, 3, 4, 5)), Status.CONVERGED, History(), {}).show(white="view")
         >>> shown._repr_html_().startswith("<table>")
         True
         """
         from pnp_sci.results.notebook import Shown, as_html
 
-        rows = {"video": self._size(), "effort": self._effort(), "status": self.status.value}
+        rows = {"video": self._size(), "effort": words.effort(self.history), "status": self.status.value}
         rows |= {key: str(self.settings[key]) for key in ("prior", "algorithm") if key in self.settings}
-        rows |= {"scores": self._scores().removeprefix("; "), "remarks": "; ".join(self.remarks)}
+        rows |= {"scores": words.scores(self.history, self.uncertainty), "remarks": "; ".join(self.remarks)}
         return Shown(as_html(rows, self.videos[0], whites(white, self.videos, self.white)))
 
     def export(self, path: str | Path, fps: float = 10, white: Any = None) -> None:
@@ -261,29 +189,12 @@ class Result:
         InputError
             If `fps` or `white` cannot be used.
         """
-        path, x = Path(path), self.videos
-        levels, fps, suffix = whites(white, x, self.white), positive_number("fps", fps), path.suffix.lower()
-        count, views, frames, rows, columns, *colours = x.shape
-        if suffix in films_as_tiff.SUFFIXES:
-            stack = as_channels(x) if colours else x
-            with replacing(path) as temporary:
-                levels = np.repeat(levels, stack.shape[1] // views)
-                films_as_tiff.save(temporary, stack, fps, levels, films_as_tiff.is_ome(path), bool(colours))
-            return
-        shown = np.clip(x / of_views(levels, x[0]), 0, 1).astype(np.float32)
-        if suffix in _formats.VIDEO:
-            beside = np.moveaxis(shown, 1, 3).reshape(count * frames, rows, views * columns, *colours)
-            io.write_video(path, beside, fps)
-        elif suffix == ".png":
-            beside = np.moveaxis(shown, 2, 3).reshape(count * views * rows, frames * columns, *colours)
-            with replacing(path) as temporary:
-                save_png(temporary, beside, bool(colours))
-        else:
-            known = ", ".join(sorted({*_formats.VIDEO, *films_as_tiff.SUFFIXES, ".png"}))
-            raise FormatError(f"{path}: cannot export as {suffix or 'a file without suffix'}; known are {known}")
+        levels, fps = whites(white, self.videos, self.white), positive_number("fps", fps)
+        export(Path(path), self.videos, levels, fps)
 
     def __repr__(self) -> str:
-        line = f"Result({self._size()}, {self._effort()}: {self.status.value}{self._scores()})"
+        scores = words.scores(self.history, self.uncertainty)
+        line = f"Result({self._size()}, {words.effort(self.history)}: {self.status.value}{'; ' * bool(scores)}{scores})"
         return "\n".join([line, *(f"  {remark}" for remark in self.remarks)])
 
     def __str__(self) -> str:
@@ -291,36 +202,11 @@ class Result:
 
         There is one for each measurement, or for each window of a sequence.
         """
-        plans, of = self.settings.get("plan", []), "window" if self.settings.get("sequence", 1) > 1 else "measurement"
-        numbered = [f"  {of} {n + 1}: " if len(plans) > 1 else "  " for n in range(len(plans))]
-        return "\n".join([repr(self), *(start + in_words(plan) for start, plan in zip(numbered, plans))])
+        return "\n".join([repr(self), *(f"  {plan}" for plan in words.plans(self.settings))])
 
     def _repr_html_(self) -> str:
         """What a notebook shows: a table, a picture of some frames, and a player."""
         return self.show()._repr_html_()
 
     def _size(self) -> str:
-        count, views, frames, rows, columns, *colours = self.videos.shape
-        videos = f"{count} videos of " if self._several else ""
-        colour = " in colour" * bool(colours)
-        return f"{videos}{views} view{'s' * (views != 1)} x {frames} frames of {rows} x {columns}{colour}"
-
-    def _effort(self) -> str:
-        last = self._last_records()
-        iterations = sum(record.iteration for record in last)
-        seconds = sum(record.seconds for record in last)
-        return f"{iterations} iteration{'s' * (iterations != 1)} in {seconds:.2g} s"
-
-    def _scores(self) -> str:
-        units = {"residual": " {:.2g}", "psnr": " {:.2f} dB", "ssim": " {:.3f}"}
-        last, texts = self._last_records(), []
-        for name, unit in units.items():
-            values = [value for record in last if (value := getattr(record, name)) is not None]
-            if values:
-                texts.append((name if name == "residual" else name.upper()) + unit.format(np.mean(values)))
-        if self.uncertainty is not None and np.isfinite(self.uncertainty).any():
-            texts.append(f"predicted error {np.sqrt(np.nanmean(np.square(self.uncertainty, dtype=np.float64))):.2g}")
-        return "; " + ", ".join(texts) if texts else ""
-
-    def _last_records(self) -> list[Record]:
-        return list({record.measurement: record for record in self.history}.values())
+        return words.size(self.videos, self._several)
