@@ -17,6 +17,7 @@ from pnp_sci.fleet.work import JobPlugin, put_failures, solve_chunk
 
 with needed_for("a fleet of measurements", "cluster"):
     import psutil
+    import zarr  # noqa: F401, for the store
     from distributed import Client, LocalCluster, as_completed
     from distributed.scheduler import KilledWorker
 

@@ -19,7 +19,6 @@ from pnp_sci.fleet.estimate import Estimate, free_bytes
 from pnp_sci.fleet.job import Chunk, Job, check_options, settings_of
 from pnp_sci.fleet.reconstruction import Reconstruction
 from pnp_sci.fleet.source import Source, open_source
-from pnp_sci.formats.zarr import library
 from pnp_sci.masks import as_masks
 from pnp_sci.pipeline.provenance import digest
 from pnp_sci.pipeline.request import check_request
@@ -92,7 +91,6 @@ def reconstruct(
     """
     from pnp_sci.fleet.cluster import check_client, cores, workers_of
 
-    library()
     check_client(client)
     sequence = None if sequence is None else whole("sequence", sequence, 1)
     workers = cores() if workers is None else whole("workers", workers, 1)

@@ -12,7 +12,6 @@ from pathlib import Path
 from uuid import uuid4
 
 from pnp_sci.errors import FormatError
-from pnp_sci.formats import zarr
 
 
 @contextmanager
@@ -62,8 +61,10 @@ def is_own_store(place: Path) -> bool:
     """Whether a folder is a result that :func:`pnp_sci.formats.zarr.save` wrote."""
     if place.suffix.lower() != ".zarr":
         return False
+    from pnp_sci.formats.zarr import texts_of  # loads numpy, which the help of commands does without
+
     try:
-        zarr.texts_of(place)
+        texts_of(place)
     except FormatError:
         return False
     return True
