@@ -59,7 +59,7 @@ def npy(path: Path, key: str | None) -> tuple[Head, NPY]:
 def of_memmap(source: Any) -> Path | None:
     """The NPY file that an array is, as it is on disk; None of a part, of other axes, or of a copy with changes."""
     path = Path(str(getattr(source, "filename", "")))
-    if not isinstance(source, np.memmap) or source.mode == "c" or path.suffix != ".npy":
+    if not isinstance(source, np.memmap) or source.mode == "c" or path.suffix != ".npy" or not path.is_file():
         return None
     there = np.load(path, mmap_mode="r", allow_pickle=False)
     same = all(getattr(source, name) == getattr(there, name) for name in ("offset", "shape", "strides", "dtype"))

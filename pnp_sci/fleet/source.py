@@ -113,11 +113,15 @@ def _of_path(path: Path, key: str | None) -> Source:
 def _files_in(folder: Path) -> list[Path]:
     """The files of a folder whose formats are known, in the order of the numbers in their names."""
     files = sorted((f for f in folder.iterdir() if f.is_file() and f.name[0] != "."), key=numbered)
-    known = [file for file in files if file.suffix.lower() in SUFFIXES]
+    known, others = [], []
+    for file in files:
+        (known if file.suffix.lower() in SUFFIXES else others).append(file)
     if not known:
         raise FormatError(f"{folder}: the folder has no files of these kinds: {', '.join(sorted(SUFFIXES))}")
-    if others := [file.name for file in files if file not in known]:
-        shown = ", ".join(others[:5]) + (f" and {len(others) - 5} more" if len(others) > 5 else "")
+    if others:
+        shown = ", ".join(file.name for file in others[:5]) + (
+            f" and {len(others) - 5} more" if len(others) > 5 else ""
+        )
         _log.warning("%s: these files are no measurements, and are left out: %s", folder, shown)
     return known
 

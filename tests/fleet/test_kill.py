@@ -11,7 +11,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 from click.testing import CliRunner
-from small import FAST, capture
+from small import FAST, capture, files
 
 import pnp_sci
 from pnp_sci.cli.main import main
@@ -34,10 +34,6 @@ def until(reached, seconds=60):
         time.sleep(0.01)
 
 
-def videos(out):
-    return {str(f.relative_to(out)): f.read_bytes() for f in (out / "0").rglob("*") if f.is_file()}
-
-
 @pytest.fixture(scope="module")
 def undisturbed(tmp_path_factory):
     """Files of a capture and its masks, and the videos of a run that nothing disturbed."""
@@ -50,7 +46,7 @@ def undisturbed(tmp_path_factory):
         distributed.Client(cluster) as client,
     ):
         pnp_sci.reconstruct(folder / "y.npy", masks, folder / "v.zarr", client, **SLOW)
-    return folder, videos(folder / "v.zarr")
+    return folder, files(folder / "v.zarr")
 
 
 def command(folder, out):
@@ -82,7 +78,7 @@ def test_a_killed_worker_is_replaced(undisturbed, tmp_path):
         assert list(client.run(os.getpid).values()) != [worker]
         assert client.status == "running"  # it was the caller's
     assert result.ok
-    assert videos(out) == expected
+    assert files(out) == expected
 
 
 @posix

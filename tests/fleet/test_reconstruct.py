@@ -8,18 +8,13 @@ from types import SimpleNamespace
 
 import numpy as np
 import pytest
-from small import FAST, capture
+from small import FAST, capture, files
 
 import pnp_sci
 from pnp_sci.errors import FormatError, InputError, InputTypeError, SolverError
 
 pytest.importorskip("distributed")
 zarr = pytest.importorskip("zarr")
-
-
-def content(folder):
-    """All files that hold videos."""
-    return {str(f.relative_to(folder)): f.read_bytes() for f in (folder / "0").rglob("*") if f.is_file()}
 
 
 def test_each_video_is_that_of_solve(client, tmp_path):
@@ -65,14 +60,14 @@ def test_what_is_done_is_not_done_again(client, tmp_path):
     y, masks = capture()
     out = tmp_path / "v.zarr"
     pnp_sci.reconstruct(y, masks, out, client, **FAST)
-    before = content(out)
+    before = files(out)
     (out / "records" / "0000002.json").unlink()  # as if it had been killed before this was said
     (out / "records" / ".half-written").write_text("{")
     (out / "0" / "c" / "2" / "0" / "0" / "0").write_bytes(b"half")
     kept = (out / "records" / "0000001.json").stat().st_mtime_ns
     assert pnp_sci.Reconstruction(out).status.endswith("; 1 not solved")
     assert pnp_sci.reconstruct(y, masks, out, client, **FAST).ok
-    assert content(out) == before
+    assert files(out) == before
     assert (out / "records" / "0000001.json").stat().st_mtime_ns == kept
     assert not list((out / "records").glob(".*"))
 
@@ -135,7 +130,7 @@ def test_a_preview_comes_first_and_leaves_no_trace(client, tmp_path, monkeypatch
     methods = [method for _, method in said]
     assert methods == ["solve"] + ["wavelet"] * 4 + ["solve"] * 4
     pnp_sci.reconstruct(y, masks, tmp_path / "b.zarr", client, **FAST)
-    assert content(tmp_path / "a.zarr") == content(tmp_path / "b.zarr")
+    assert files(tmp_path / "a.zarr") == files(tmp_path / "b.zarr")
 
 
 def test_a_full_disk_is_noticed_after_the_first_chunk(client, tmp_path, monkeypatch, caplog):
