@@ -3,7 +3,8 @@
 PNP_SCI_DATA=DIR python benchmarks/decoders.py
 
 The scenes are pairs of validation clips and the dual-view pairs at hand. The decoders alternate; seconds are medians.
-The last columns are the prior "video" from the decoder's estimate, the decoder included, within a time budget.
+The last columns are the prior "video" from the decoder's estimate, the decoder included, within a time budget. A dash:
+there was no time for the decoder.
 """
 
 import os
@@ -57,13 +58,16 @@ def main():
             for decoder in DECODERS:
                 results = [pnp_sci.decode(y, masks, model=decoder)]
                 results += [pnp_sci.solve(y, masks, "video", init=decoder, time_budget=b) for b in BUDGETS]
-                scores[decoder].append([np.mean(pnp_sci.psnr(result.x, truth)) for result in results])
+                from_it = [True, *(result.settings["init"] == decoder for result in results[1:])]
+                psnr = [np.mean(pnp_sci.psnr(result.x, truth)) for result in results]
+                scores[decoder].append(np.where(from_it, psnr, np.nan))
                 seconds[decoder].append(results[0].settings["seconds"])
         print(f"\n| {name} ({len(cases)}) | PSNR | seconds | {' | '.join(budgets)} |")
         print(f"|---|---|---|{'---|' * len(BUDGETS)}")
         for decoder in DECODERS:
             alone, *later = np.mean(scores[decoder], 0)
-            cells = [f"{alone:.2f}", f"{statistics.median(seconds[decoder]):.2g}", *(f"{value:.2f}" for value in later)]
+            cells = [f"{alone:.2f}", f"{statistics.median(seconds[decoder]):.2g}"]
+            cells += ["-" if np.isnan(value) else f"{value:.2f}" for value in later]
             print(f"| `{decoder}` | {' | '.join(cells)} |")
 
 

@@ -31,7 +31,7 @@ def chain(inputs: int, *layers: tuple[int | tuple[int, int], int], last: bool = 
     return nn.Sequential(*(modules if last else modules[:-1]))
 
 
-def silenced(layers: nn.Sequential) -> nn.Sequential:
+def zero_initialised(layers: nn.Sequential) -> nn.Sequential:
     """Initialise the last layer with zeros, in place, so that what is added to something adds nothing at first."""
     for start in layers[-1].parameters():
         nn.init.zeros_(start)
@@ -42,7 +42,7 @@ class ResidualUnit(Residual):
     """Residual unit ``x + conv3x3(conv1x1(conv3x3(x)))`` of the paper's Table 1."""
 
     def __init__(self, channels: int):
-        super().__init__(silenced(chain(channels, (3, channels), (1, channels), (3, channels), last=False)))
+        super().__init__(zero_initialised(chain(channels, (3, channels), (1, channels), (3, channels), last=False)))
 
 
 def residual_block(channels: int) -> nn.Sequential:

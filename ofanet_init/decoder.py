@@ -9,7 +9,7 @@ import numpy as np
 import torch
 
 from ofanet_init.network import OFaNet
-from ofanet_init.prepared import in_units_of, projected, tensors, trained
+from ofanet_init.prepared import in_units_of, network_for, projected, tensors
 from pnp_sci.accel.inference import running, usable
 from pnp_sci.pipeline.blend import TUNED as BLEND
 from pnp_sci.plugins.protocols import Decoder
@@ -66,7 +66,7 @@ class OFaNetDecoder(Decoder):
         """
         op = problem.op
         place = usable(self.device)
-        network = trained(OFaNet.model, *op.shape[:2], place)
+        network = network_for(OFaNet.model, problem, place)
         refine = self.refine and not scene.nothing_moves
         if refine and not network.refiners:
             _log.warning("OFaNet has no refine net for %d x %d frames: its separator decodes alone", *op.shape[:2])

@@ -7,10 +7,10 @@ from dataclasses import asdict
 from pathlib import Path
 from typing import Any
 
-from ofanet_init.compared.admm_net import ADMMNet
-from ofanet_init.compared.birnat import BIRNAT
-from ofanet_init.compared.config import ComparedConfig
-from ofanet_init.compared.unet import UNet
+from ofanet_init.baselines.admm_net import ADMMNet
+from ofanet_init.baselines.birnat import BIRNAT
+from ofanet_init.baselines.config import BaselineConfig
+from ofanet_init.baselines.unet import UNet
 from ofanet_init.config import OFaNetConfig
 from ofanet_init.network import OFaNet
 from pnp_sci.errors import FormatError
@@ -19,7 +19,7 @@ from pnp_sci.formats import weights
 FOLDER = Path(__file__).with_name("weights")
 MODELS: dict[str, tuple[Any, Any]] = {  # name -> network, its configuration
     OFaNet.model: (OFaNet, OFaNetConfig),
-    **{network.model: (network, ComparedConfig) for network in (UNet, ADMMNet, BIRNAT)},
+    **{network.model: (network, BaselineConfig) for network in (UNet, ADMMNet, BIRNAT)},
 }
 
 

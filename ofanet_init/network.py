@@ -39,7 +39,7 @@ class OFaNet(nn.Module):
     torch.Size([1, 2, 4, 16, 16])
     """
 
-    model = "ofanet"
+    model, title = "ofanet", "OFaNet"
 
     def __init__(self, config: OFaNetConfig):
         super().__init__()

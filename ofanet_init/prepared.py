@@ -16,8 +16,6 @@ from pnp_sci.errors import InputError
 from pnp_sci.pipeline.blend import TUNED as BLEND
 from pnp_sci.sensing.problem import Problem
 
-TITLES = {"ofanet": "OFaNet", "unet": "U-net", "admm-net": "ADMM-net", "birnat": "BIRNAT"}
-
 
 @dataclass(frozen=True)
 class DecoderNumbers(Tuned):
@@ -43,24 +41,30 @@ def trained(model: str, views: int, frames: int, device: torch.device) -> Any:
     if not path.is_file():
         stems = (file.stem.removeprefix(prefix) for file in _weights.FOLDER.glob(f"{prefix}v*.safetensors"))
         known = ", ".join(sorted(stem[1:].replace("b", " x ") for stem in stems))
+        title = _weights.MODELS[model][0].title
         raise InputError(
-            f"masks has {views} x {frames} frames: {TITLES[model]} has weights for {known or 'none'} (views x frames); "
+            f"masks has {views} x {frames} frames: {title} has weights for {known or 'none'} (views x frames); "
             f"others can be trained with 'python -m ofanet_init.train --model {model}'"
         )
     return ready(_weights.load(path, model)[0], device)
 
 
-def tensors(problem: Problem, device: torch.device, rows: slice = slice(None)) -> tuple[torch.Tensor, torch.Tensor]:
-    """Measurement (1, H, W) and masks (1, V, B, H, W) of a problem in the units of the training clips; some rows of it.
+def network_for(model: str, problem: Problem, device: torch.device) -> Any:
+    """The network `model` for a problem.
 
     Raises
     ------
     InputError
-        If a mask is negative.
+        If there are no weights for so many views and frames, or a mask is negative.
     """
-    masks = problem.op.masks[:, :, rows]
-    if masks.min(initial=0) < 0:
+    if problem.op.masks.min() < 0:
         raise InputError("masks has negative values: learned decoders need masks >= 0")
+    return trained(model, *problem.op.shape[:2], device)
+
+
+def tensors(problem: Problem, device: torch.device, rows: slice = slice(None)) -> tuple[torch.Tensor, torch.Tensor]:
+    """Measurement (1, H, W) and masks (1, V, B, H, W), or some rows of them, in the units of the training clips."""
+    masks = problem.op.masks[:, :, rows]
     largest = float(problem.op.masks.max()) or 1.0
     coded = torch.from_numpy(masks.astype(np.float32) / np.float32(largest))[None]
     y = torch.from_numpy((problem.y[rows] * (TUNED.brightness / largest)).astype(np.float32))[None]

@@ -5,7 +5,7 @@ from __future__ import annotations
 import torch
 from torch import nn
 
-from ofanet_init.blocks import ResidualUnit, chain, convolution, residual_block, silenced
+from ofanet_init.blocks import ResidualUnit, chain, convolution, residual_block, zero_initialised
 from ofanet_init.flow import warped
 
 HIDDEN = 40  # channels of the hidden state H
@@ -41,7 +41,7 @@ class Cell(nn.Module):
         self.fuse = nn.Sequential(
             convolution(20 + 40 * flows + (20 if diversity else 0) + 10, HIDDEN, 3), ResidualUnit(HIDDEN)
         )
-        self.r = silenced(chain(HIDDEN, (3, 40), (1, 30), (3, 20), (1, 20), (3, 20), (1, 1), last=False))
+        self.r = zero_initialised(chain(HIDDEN, (3, 40), (1, 30), (3, 20), (1, 20), (3, 20), (1, 1), last=False))
 
     def forward(
         self, frame: torch.Tensor, evidence: torch.Tensor, flows: list[torch.Tensor], constant: list[torch.Tensor],

@@ -6,17 +6,19 @@ from pathlib import Path
 
 import click
 import torch
+from click.core import ParameterSource
 
 from ofanet_init import files as _weights
-from ofanet_init.compared.config import ComparedConfig
+from ofanet_init.baselines.config import BaselineConfig
 from ofanet_init.config import FLOWS, REFINES, OFaNetConfig
-from ofanet_init.train.tasks import Compared, Flow, Reconstruction, Sample
+from ofanet_init.train.tasks import Baseline, Flow, Reconstruction, Sample
 from pnp_sci.errors import InputError
 from pnp_sci.training.clips import load_clips, split
 from pnp_sci.training.loop import OPTIMIZERS, SCHEDULES, Budget, Place, launch, train
 
 FOLDER = click.Path(exists=True, file_okay=False, path_type=Path)
 PATH = click.Path(path_type=Path)
+OFANETS = ("stage", "amplifier", "dual", "refine", "flow", "joint", "passes", "window")  # options for OFaNet only
 
 
 @click.command(context_settings={"show_default": True})
@@ -72,9 +74,11 @@ def main(
 
     Each validation rewrites checkpoint, curves (CSV), weights and model card. Works under torchrun.
     """
-    if (model == "ofanet") != (stage is not None):
-        expected = "--stage, as it is ofanet" if stage is None else "no --stage, which is for ofanet only"
-        raise InputError(f"model is {model}: {expected} was expected")
+    source = click.get_current_context().get_parameter_source
+    if model == "ofanet" and stage is None:
+        raise InputError("model is ofanet: --stage was expected")
+    if model != "ofanet" and (given := [name for name in OFANETS if source(name) is not ParameterSource.DEFAULT]):
+        raise InputError(f"model is {model}, but these options are for ofanet only: {', '.join(given)}")
     name = model if stage is None else f"{model}-{stage}"
     out = out or Path("runs") / name
     budget = Budget(out, minutes, steps, seed, rate, schedule, optimizer, validations)
@@ -86,7 +90,7 @@ def main(
         raise InputError("stage is refine: a refine net, and weights to --start from, were expected")
     make, _ = _weights.MODELS[model]
     if stage is None:
-        network = make(ComparedConfig(views, frames))
+        network = make(BaselineConfig(views, frames))
     else:
         network = make(OFaNetConfig(views, frames, amplifier, dual, refine, flow, joint, passes))
     for path in start:
@@ -108,7 +112,7 @@ def main(
         material = (network, *split(load_clips(data)), Sample(batch, crop, window or frames), seed, place)
         material += (weights or out / f"{model}.safetensors", command)
         if stage is None:
-            task = Compared(*material)
+            task = Baseline(*material)
         else:
             task = Flow(*material) if stage == "flow" else Reconstruction(stage, *material)
         train(task, budget, place, resume)

@@ -6,7 +6,6 @@ from typing import Any
 
 import torch
 
-from ofanet_init.prepared import TITLES
 from pnp_sci.training.loop import Place, Progress
 
 CARD = """# {title} for {views} view(s) of {frames} frames
@@ -41,7 +40,7 @@ def write_card(stage: Any, progress: Progress, place: Place, digest: str) -> Non
     moving = [len(clip.frames) for clip in stage.training if len(clip.frames) > 1]
     shown = progress.rows[::-4][::-1] if len(progress.rows) > 10 else progress.rows
     text = CARD.format(
-        title=TITLES[stage.model.model],
+        title=stage.model.title,
         views=config.views,
         frames=config.frames,
         config=config,

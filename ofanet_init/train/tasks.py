@@ -61,7 +61,7 @@ class Stage:
         return network
 
 
-class Videos(Stage):
+class VideoStage(Stage):
     """Base of the stages that train a video from its measurement."""
 
     def made(self, place: Place, step: int) -> Batch:
@@ -93,7 +93,7 @@ class Videos(Stage):
         return total
 
 
-class Reconstruction(Videos):
+class Reconstruction(VideoStage):
     """Stages "dns", "refine" and "joint": the video from its measurement. Loss: ``alpha * L_DNS + L_refined``.
 
     The stage "refine" does not train the separator. Each step draws the number of passes, from 1 to that of the
@@ -125,7 +125,7 @@ class Reconstruction(Videos):
         return ALPHA * coarse + (refined.float() - made.truth[:, :, window]).square().mean()
 
 
-class Compared(Videos):
+class Baseline(VideoStage):
     """A compared network, trained in one stage. Loss: that of the last estimate and half of those before it."""
 
     scores = ("psnr",)

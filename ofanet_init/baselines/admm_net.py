@@ -7,8 +7,8 @@ from torch import nn
 from torch.nn import functional
 
 from ofanet_init.amplifier import normalised
-from ofanet_init.blocks import activation, chain, convolution, silenced
-from ofanet_init.compared.config import ComparedConfig
+from ofanet_init.baselines.config import BaselineConfig
+from ofanet_init.blocks import activation, chain, convolution, zero_initialised
 
 STAGES = 5  # iterations
 WIDTHS = (32, 64, 128)  # channels at each scale of a prior
@@ -39,10 +39,10 @@ class ADMMNet(nn.Module):
     Released code: github.com/mengziyi64/ADMM-net.
     """
 
-    model = "admm-net"
+    model, title = "admm-net", "ADMM-net"
     multiple = 2 ** (len(WIDTHS) - 1)
 
-    def __init__(self, config: ComparedConfig):
+    def __init__(self, config: BaselineConfig):
         super().__init__()
         self.config = config
         self.priors = nn.ModuleList(Prior(config.planes) for _ in range(STAGES))
@@ -74,7 +74,7 @@ class Prior(nn.Module):
         self.grow = nn.ModuleList(nn.Sequential(nn.ConvTranspose2d(*sizes, 2, 2), activation()) for sizes in rising)
         self.up = nn.ModuleList(pair(2 * width, width) for width in (middle, fine))
         self.tail = nn.Sequential(convolution(fine, planes, 1))
-        silenced(self.tail)
+        zero_initialised(self.tail)
 
     def forward(self, x: torch.Tensor) -> torch.Tensor:
         """Denoise x (N, V B, H, W)."""

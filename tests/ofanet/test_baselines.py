@@ -1,4 +1,4 @@
-"""U-net, ADMM-net and BIRNAT: networks, decoders and the stage that trains them."""
+"""U-net, ADMM-net and BIRNAT: networks, decoders and their training."""
 
 import numpy as np
 import pytest
@@ -13,10 +13,10 @@ from pnp_sci.training.clips import Clip
 
 torch = pytest.importorskip("torch")
 pytest.importorskip("safetensors")
-admm_net = pytest.importorskip("ofanet_init.compared.admm_net")
-birnat = pytest.importorskip("ofanet_init.compared.birnat")
-config = pytest.importorskip("ofanet_init.compared.config")
-decoders = pytest.importorskip("ofanet_init.compared_decoders")
+admm_net = pytest.importorskip("ofanet_init.baselines.admm_net")
+birnat = pytest.importorskip("ofanet_init.baselines.birnat")
+config = pytest.importorskip("ofanet_init.baselines.config")
+decoders = pytest.importorskip("ofanet_init.baseline_decoders")
 fusion = pytest.importorskip("pnp_sci.accel.fusion")
 prepared = pytest.importorskip("ofanet_init.prepared")
 weights = pytest.importorskip("ofanet_init.files")
@@ -27,7 +27,7 @@ MODELS = ("unet", "admm-net", "birnat")
 def make(model, views=2, frames=4):
     """An untrained network whose layers all do something."""
     torch.manual_seed(0)
-    network = weights.MODELS[model][0](config.ComparedConfig(views, frames))
+    network = weights.MODELS[model][0](config.BaselineConfig(views, frames))
     for parameter in network.parameters():
         if not parameter.detach().any():
             torch.nn.init.normal_(parameter, std=0.02)
@@ -73,8 +73,24 @@ def test_every_weight_learns(model):
 @pytest.mark.parametrize("model", MODELS)
 @pytest.mark.parametrize("size", [(1, 1), (7, 5), (33, 50)])
 def test_pictures_of_any_size_are_decoded(folder, model, size):
+    """As the upper left part of a picture that continues them: the last row and column are repeated."""
     y, masks = case(*size)
-    assert np.isfinite(pnp_sci.decode(y, masks, model=model).x).all()
+    margins = [(0, 48 - n % 48) for n in size]
+    larger = np.pad(y, margins, "edge"), np.pad(masks, ((0, 0), (0, 0), *margins), "edge")
+    network = prepared.trained(model, 2, 4, torch.device("cpu"))
+    rounded = [(0, -n % network.multiple) for n in size]
+    same = np.pad(y, rounded, "edge"), np.pad(masks, ((0, 0), (0, 0), *rounded), "edge")
+    found = pnp_sci.decode(y, masks, model=model, noise=0).x
+    assert np.isfinite(pnp_sci.decode(*larger, model=model, noise=0).x).all()
+    whole = pnp_sci.decode(*same, model=model, noise=0).x
+    assert np.allclose(found, whole[..., : size[0], : size[1]], atol=0.02 * np.abs(whole).max())
+
+
+@pytest.mark.parametrize("model", MODELS)
+def test_the_order_of_the_views_does_not_matter(folder, model):
+    y, masks = case()
+    one, other = (pnp_sci.decode(y, masks[::way], model=model).x[::way] for way in (1, -1))
+    assert np.allclose(one, other, atol=1e-2 * np.abs(one).max())
 
 
 @pytest.mark.parametrize("model", MODELS)
@@ -119,36 +135,74 @@ def test_what_cannot_be_decoded(folder, model):
 @pytest.mark.parametrize("fields", [{"views": 0}, {"frames": 257}, {"views": 1.5}])
 def test_configurations_that_cannot_be(fields):
     with pytest.raises(InputError, match=f"{next(iter(fields))} is .*a whole number from 1 to 256"):
-        config.ComparedConfig(**fields)
+        config.BaselineConfig(**fields)
 
 
-def test_admm_with_priors_that_change_nothing_ends_at_videos_that_measure_y():
+def test_admm_net_is_admm(monkeypatch):
+    """With known priors, its estimates are those of the formulas."""
     y, masks = measured(rows=20, columns=24)
-    network = admm_net.ADMMNet(config.ComparedConfig(2, 4))  # untrained, each prior is the identity
-    torch.nn.init.constant_(network.gamma, -20.0)
-    for video in network(y, masks):
-        seen = masks.sum((1, 2)) > 0
-        assert torch.allclose((masks * video).sum((1, 2))[seen], y[seen], atol=1e-4)
+    network = admm_net.ADMMNet(config.BaselineConfig(2, 4))
+    torch.nn.init.normal_(network.gamma)
+    for n, prior in enumerate(network.priors):
+        monkeypatch.setattr(prior, "forward", lambda x, n=n: 0.5 * x + 0.1 * n)
+    with torch.inference_mode():
+        estimates = network(y, masks)
+    phi, gammas = masks[0].numpy(), np.log1p(np.exp(network.gamma.detach().numpy()))
+    theta, b = np.broadcast_to(y.numpy() / np.maximum(phi.sum((0, 1)), 0.5), phi.shape), 0.0
+    found = []
+    for n, gamma in enumerate(gammas):
+        v = theta + b
+        x = v + phi * (y.numpy() - (phi * v).sum((0, 1))) / ((phi**2).sum((0, 1)) + gamma)
+        theta = 0.5 * (x - b) + 0.1 * n
+        b = b - (x - theta)
+        found.append(theta)
+    assert len(estimates) == admm_net.OUTPUTS
+    for estimate, expected in zip(estimates, found[-admm_net.OUTPUTS :]):
+        assert np.allclose(estimate[0], expected, atol=1e-4)
 
 
 @pytest.mark.parametrize("follow", [True, False])
 def test_birnat_sees_what_the_measurement_leaves_for_a_frame(monkeypatch, follow):
-    """If all other frames are known, that is what the frames of this time add to it."""
-    _, masks = measured(rows=8, columns=8)
-    truth = torch.rand(masks.shape, generator=torch.Generator().manual_seed(1))
-    y = (masks * truth).sum((1, 2))
-    network = birnat.Recurrence(2)  # untrained, it adds nothing
-    seen = []
+    """That is y without the frames that it has, and without what stands for the frames to come."""
+    y, masks = measured(rows=8, columns=8)
+    random = torch.Generator().manual_seed(1)
+    guess, last = (torch.rand((*masks.shape[:n], 8, 8), generator=random) for n in (3, 2))
+    network = birnat.Recurrence(2)
+    seen, before, states = [], [], []
     monkeypatch.setattr(network.see, "forward", lambda x: seen.append(x) or torch.zeros(1, birnat.SEEN, 4, 4))
-    still = truth[:, :, :1].expand_as(truth) if follow else truth
-    y = (masks * still).sum((1, 2))
+    monkeypatch.setattr(network.before, "forward", lambda x: before.append(x) or torch.zeros(1, birnat.BEFORE, 4, 4))
+    monkeypatch.setattr(network.blocks, "forward", lambda x: states.append(x) or x)
+    monkeypatch.setattr(network.keep, "forward", lambda x: torch.full((1, birnat.HIDDEN, 4, 4), float(len(states))))
+    monkeypatch.setattr(network.up, "forward", lambda x: torch.full((1, 2, 8, 8), 0.1 * len(states)))
     order = range(1, 4) if follow else range(2, -1, -1)
-    last = still[:, :, order.start - order.step]
-    video, _ = network(y, masks, still, last, torch.zeros(1, birnat.HIDDEN, 4, 4), order, follow)
-    assert torch.allclose(video, still)
-    for t, evidence in zip(order, seen):
-        assert torch.allclose(evidence[:, 1], (masks * still)[:, :, t].sum(1), atol=1e-5)
-        assert torch.equal(evidence[:, 2:4], masks[:, :, t])
+    video, hidden = network(y, masks, guess, last, torch.zeros(1, birnat.HIDDEN, 4, 4), order, follow)
+    known = {order.start - order.step: last}
+    for n, t in enumerate(order):
+        own = masks[:, :, t]
+        rest = sum(
+            (masks[:, :, k] * known.get(k, guess[:, :, k])).sum(1) for k in range(4) if k != t
+        )  # frames that it has, and what stands for the others
+        assert torch.allclose(seen[n][:, 1], y - rest, atol=1e-5)
+        assert torch.equal(seen[n][:, 2:4], own)
+        assert torch.allclose(seen[n][:, 4:6], own * (y - rest)[:, None], atol=1e-5)
+        assert torch.allclose(before[n], torch.cat([known[t - order.step], guess[:, :, t]], 1))
+        assert (states[n][:, : birnat.HIDDEN] == n).all()
+        known[t] = (known[t - order.step] if follow else guess[:, :, t]) + 0.1 * (n + 1)
+    assert torch.allclose(video, torch.stack([known[t] for t in range(4)], 2))
+    assert (hidden == 3).all()
+
+
+def test_the_attention_of_birnat_is_that_of_the_formula():
+    torch.manual_seed(0)
+    attention = birnat.Attention(16)
+    torch.nn.init.constant_(attention.scale, 0.5)
+    x = torch.randn(2, 16, 10, 18)
+    cells = torch.nn.functional.avg_pool2d(x, birnat.POOL, ceil_mode=True)
+    given = attention.query(x), attention.key(cells), attention.value(cells)
+    query, key, value = (part.flatten(2) for part in given)
+    found = value @ (query.transpose(1, 2) @ key).softmax(2).transpose(1, 2)
+    expected = x + 0.5 * attention.out(found.unflatten(2, x.shape[2:]))
+    assert torch.allclose(attention(x), expected, atol=1e-5)
 
 
 @pytest.mark.parametrize("model", MODELS)
@@ -173,14 +227,18 @@ def test_training_writes_weights_that_decode(model, tmp_path, monkeypatch):
     y, masks = (part[0].numpy() for part in measured(frames=2))
     assert np.isfinite(pnp_sci.decode(y, masks, model=model).x).all()
     prepared.trained.cache_clear()
-    assert network.config == config.ComparedConfig(2, 2)
+    assert network.config == config.BaselineConfig(2, 2)
 
 
 @pytest.mark.parametrize(
     ("words", "named"),
-    [("--model unet --stage dns", "model is unet: no --stage"), ("--model ofanet", "--stage, as it is ofanet")],
+    [
+        ("--model unet --stage dns", "model is unet, but these options are for ofanet only: stage"),
+        ("--model birnat --window 4", "these options are for ofanet only: window"),
+        ("--model ofanet", "model is ofanet: --stage was expected"),
+    ],
 )
-def test_only_ofanet_has_stages(words, named, tmp_path):
+def test_options_of_ofanet_are_for_ofanet(words, named, tmp_path):
     cli = pytest.importorskip("ofanet_init.train.__main__")
     result = CliRunner().invoke(cli.main, [*words.split(), "--data", str(tmp_path)])
     assert isinstance(result.exception, InputError)

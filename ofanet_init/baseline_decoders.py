@@ -5,12 +5,13 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
+import torch
 from torch.nn import functional
 
-from ofanet_init.compared.admm_net import ADMMNet
-from ofanet_init.compared.birnat import BIRNAT
-from ofanet_init.compared.unet import UNet
-from ofanet_init.prepared import in_units_of, projected, tensors, trained
+from ofanet_init.baselines.admm_net import ADMMNet
+from ofanet_init.baselines.birnat import BIRNAT
+from ofanet_init.baselines.unet import UNet
+from ofanet_init.prepared import in_units_of, network_for, projected, tensors
 from pnp_sci.accel.inference import running, usable
 from pnp_sci.plugins.protocols import Decoder
 from pnp_sci.sensing.problem import Problem
@@ -18,8 +19,11 @@ from pnp_sci.sensing.scene_model import SceneModel
 
 
 @dataclass(frozen=True)
-class ComparedDecoder(Decoder):
-    """A network as a decoder. Its video is projected onto the videos that measure y, as far as the noise allows.
+class BaselineDecoder(Decoder):
+    """A network as a decoder.
+
+    It runs once with each view as the first one, and the videos are averaged: the order of the views does not matter.
+    The mean is projected onto the videos that measure y, as far as the noise allows.
 
     Parameters
     ----------
@@ -45,20 +49,21 @@ class ComparedDecoder(Decoder):
         InputError
             If there are no weights for so many views and frames, a mask is negative, or the device cannot be used.
         """
-        views, frames, height, width = problem.op.shape
+        height, width = problem.op.shape[2:]
         place = usable(self.device)
-        network = trained(self.model, views, frames, place)
+        network = network_for(self.model, problem, place)
         y, masks = tensors(problem, place)
         padding = (0, -width % network.multiple, 0, -height % network.multiple)
         y = functional.pad(y, padding, "replicate")
         masks = functional.pad(masks[0], padding, "replicate")[None]
         with running(place):
-            video = network(y, masks)[-1]
-        return projected(problem, in_units_of(problem, video[..., :height, :width]))
+            orders = [network(y, masks.roll(-v, 1))[-1].roll(v, 1) for v in range(masks.shape[1])]
+            video = torch.stack(orders).mean(0)[..., :height, :width]
+        return projected(problem, in_units_of(problem, video))
 
 
-def unet(device: str | None = None) -> ComparedDecoder:
-    """The decoder "unet": one convolutional network, :class:`ofanet_init.compared.unet.UNet`.
+def unet(device: str | None = None) -> BaselineDecoder:
+    """The decoder "unet": one convolutional network, :class:`ofanet_init.baselines.unet.UNet`.
 
     Parameters
     ----------
@@ -69,11 +74,11 @@ def unet(device: str | None = None) -> ComparedDecoder:
     ----------
     M. Qiao, Z. Meng, J. Ma & X. Yuan, "Deep learning for video compressive sensing", APL Photonics 5 (2020).
     """
-    return ComparedDecoder(UNet.model, device)
+    return BaselineDecoder(UNet.model, device)
 
 
-def admm_net(device: str | None = None) -> ComparedDecoder:
-    """The decoder "admm-net": unrolled ADMM with learned priors, :class:`ofanet_init.compared.admm_net.ADMMNet`.
+def admm_net(device: str | None = None) -> BaselineDecoder:
+    """The decoder "admm-net": unrolled ADMM with learned priors, :class:`ofanet_init.baselines.admm_net.ADMMNet`.
 
     The argument is as for :func:`unet`.
 
@@ -81,11 +86,11 @@ def admm_net(device: str | None = None) -> ComparedDecoder:
     ----------
     J. Ma, X.-Y. Liu, Z. Shou & X. Yuan, "Deep tensor ADMM-net for snapshot compressive imaging", ICCV 2019.
     """
-    return ComparedDecoder(ADMMNet.model, device)
+    return BaselineDecoder(ADMMNet.model, device)
 
 
-def birnat(device: str | None = None) -> ComparedDecoder:
-    """The decoder "birnat": bidirectional recurrent network, :class:`ofanet_init.compared.birnat.BIRNAT`.
+def birnat(device: str | None = None) -> BaselineDecoder:
+    """The decoder "birnat": bidirectional recurrent network, :class:`ofanet_init.baselines.birnat.BIRNAT`.
 
     The argument is as for :func:`unet`.
 
@@ -94,4 +99,4 @@ def birnat(device: str | None = None) -> ComparedDecoder:
     Z. Cheng et al., "BIRNAT: bidirectional recurrent neural networks with adversarial training for video snapshot
     compressive imaging", ECCV 2020.
     """
-    return ComparedDecoder(BIRNAT.model, device)
+    return BaselineDecoder(BIRNAT.model, device)

@@ -9,7 +9,7 @@ from pnp_sci.errors import InputError
 
 
 @dataclass(frozen=True)
-class ComparedConfig:
+class BaselineConfig:
     """The measurements that a network decodes.
 
     Parameters

@@ -7,8 +7,8 @@ from torch import nn
 from torch.nn import functional
 
 from ofanet_init.amplifier import normalised
-from ofanet_init.blocks import activation, chain, convolution, silenced
-from ofanet_init.compared.config import ComparedConfig
+from ofanet_init.baselines.config import BaselineConfig
+from ofanet_init.blocks import activation, chain, convolution, zero_initialised
 from pnp_sci.accel.fusion import Residual
 
 WIDTH = 64  # channels at all scales
@@ -22,8 +22,9 @@ class UNet(nn.Module):
     energy-normalised measurement, which is the mean of all frames.
 
     It differs from the published network in these points. The encoder halves height and width after each block but the
-    last, where the released code keeps full resolution. There is no batch normalisation. The activation is a leaky
-    ReLU. The output is added to the normalised measurement rather than to its products with the masks.
+    last, where the released code keeps full resolution. The normalised measurement itself is an additional input. It is
+    normalised by the sum of the masks, not by that of their squares. There is no batch normalisation. The activation is
+    a leaky ReLU. The output is added to the normalised measurement rather than to its products with the masks.
 
     References
     ----------
@@ -31,10 +32,10 @@ class UNet(nn.Module):
     released code: github.com/mq0829/DL-CACTI, E2E_CNN.
     """
 
-    model = "unet"
+    model, title = "unet", "U-net"
     multiple = 2 ** (SCALES - 1)
 
-    def __init__(self, config: ComparedConfig):
+    def __init__(self, config: BaselineConfig):
         super().__init__()
         self.config = config
         self.head = nn.Sequential(convolution(1 + config.planes, WIDTH, 3), activation())
@@ -43,7 +44,7 @@ class UNet(nn.Module):
         self.grow = nn.ModuleList(nn.ConvTranspose2d(WIDTH, WIDTH, 2, 2) for _ in range(SCALES - 1))
         self.decoder = nn.ModuleList(block(WIDTH) for _ in range(SCALES))
         self.tail = nn.Sequential(convolution(WIDTH, config.planes, 1))
-        silenced(self.tail)
+        zero_initialised(self.tail)
 
     def forward(self, y: torch.Tensor, masks: torch.Tensor) -> list[torch.Tensor]:
         """Decode y (N, H, W) through masks (N, V, B, H, W); returns one video (N, V, B, H, W)."""
@@ -62,5 +63,5 @@ class UNet(nn.Module):
 def block(width: int) -> nn.Sequential:
     """Residual block of two convolutions, and an activation after the sum."""
     body = chain(width, (3, width), (3, width), last=False)
-    silenced(body)
+    zero_initialised(body)
     return nn.Sequential(Residual(body), activation())

@@ -7,13 +7,13 @@ from torch import nn
 from torch.nn import functional
 
 from ofanet_init.amplifier import normalised
-from ofanet_init.blocks import activation, chain, convolution, residual_block, silenced
-from ofanet_init.compared.config import ComparedConfig
+from ofanet_init.baselines.config import BaselineConfig
+from ofanet_init.blocks import activation, chain, convolution, residual_block, zero_initialised
 
 WIDTH = 64  # channels of the network for the first frames, at half resolution
 HIDDEN, SEEN, BEFORE = 20, 10, 20  # features at half resolution: hidden state, measurement, frames before
 STATE = HIDDEN + SEEN + BEFORE
-POOL = 8  # height and width of the cells whose means are the keys of the attention
+POOL = 8  # features: height and width of the cells whose means are the keys of the attention
 
 
 class BIRNAT(nn.Module):
@@ -26,10 +26,11 @@ class BIRNAT(nn.Module):
 
     It differs from the published network in these points. The frames of all views at one time are one step. The
     recurrent networks work at half resolution and have one block of three residual units instead of two. A step also
-    has the masks of its frames, because masks vary between measurements, and returns a correction to the frame before.
-    The backward network corrects the forward estimate of a frame. The keys of the attention are means over 8 x 8
-    pixels, which keeps its memory linear in the number of pixels. The network for the first frames has 64 channels
-    instead of 128. There is no adversarial loss.
+    has the masks of its frames, because masks vary between measurements, and what stands for its frames so far. It
+    returns a correction to the frame before. On the way back, the forward estimates stand for frames to come, and a
+    step corrects that of its own frame. The first frames are a correction to the normalised measurement. The keys of
+    the attention are means over 8 x 8 features. The network for the first frames has 64 channels instead of 128. There
+    is no adversarial loss.
 
     References
     ----------
@@ -37,10 +38,10 @@ class BIRNAT(nn.Module):
     compressive imaging", ECCV 2020; released code: github.com/BoChenGroup/BIRNAT.
     """
 
-    model = "birnat"
+    model, title = "birnat", "BIRNAT"
     multiple = 2
 
-    def __init__(self, config: ComparedConfig):
+    def __init__(self, config: BaselineConfig):
         super().__init__()
         self.config = config
         self.first = FirstFrames(config)
@@ -60,7 +61,7 @@ class BIRNAT(nn.Module):
 class FirstFrames(nn.Module):
     """The first frame of each view: convolutions, residual blocks at half resolution, and attention."""
 
-    def __init__(self, config: ComparedConfig):
+    def __init__(self, config: BaselineConfig):
         super().__init__()
         self.down = nn.Sequential(
             chain(1 + config.planes, (5, 32), (3, 64), (1, 64)), convolution(64, WIDTH, 3, stride=2), activation()
@@ -96,8 +97,10 @@ class Attention(nn.Module):
         """(N, width, H, W) -> (N, width, H, W)."""
         cells = functional.avg_pool2d(x, POOL, ceil_mode=True)
         given = (self.query(x), self.key(cells), self.value(cells))
-        query, key, value = (part.flatten(2).transpose(1, 2) for part in given)
-        found = functional.scaled_dot_product_attention(query, key, value, scale=1.0)
+        query, key, value = (part.flatten(2).transpose(1, 2)[:, None].contiguous() for part in given)
+        # torch has no kernel without the whole matrix of scores unless all have equally many channels
+        query, key = (functional.pad(part, (0, value.shape[-1] - part.shape[-1])) for part in (query, key))
+        found = functional.scaled_dot_product_attention(query, key, value, scale=1.0)[:, 0]
         return x + self.scale * self.out(found.transpose(1, 2).unflatten(2, x.shape[2:]))
 
 
@@ -118,7 +121,7 @@ class Recurrence(nn.Module):
             chain(STATE, (3, 40), (1, 30)),
             nn.ConvTranspose2d(30, 20, 2, 2),
             activation(),
-            silenced(chain(20, (3, 20), (1, views), last=False)),
+            zero_initialised(chain(20, (3, 20), (1, views), last=False)),
         )
 
     def forward(
