@@ -6,7 +6,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from pnp_sci._validate import finite_number, instance, positive_number, whole
+from pnp_sci._validate import finite_number, positive_number, whole
 from pnp_sci.accel.arrays import single
 from pnp_sci.errors import InputError
 from pnp_sci.plugins.combine import Stages
@@ -66,7 +66,7 @@ class DeSCI(Prior):
     beside : float
         Strength of total variation before the groups, >= 0.
     exact : bool
-        Minimise in closed form, by eigenvectors, with singular values of the group itself. This takes many times longer.
+        Minimise in closed form, by eigenvectors, with the singular values of the group itself; many times slower.
     first : int
         Calls at the beginning of a video that are left to :class:`priors.tv.TV`, >= 0.
 
@@ -118,15 +118,13 @@ class DeSCI(Prior):
         for name in ("strength", "begin_strength"):
             positive_number(name, getattr(self, name))
         finite_number("beside", self.beside)
-        for name in ("motion", "exact"):
-            instance(name, getattr(self, name), bool)
 
     @staticmethod
     def published() -> Stages:
         """The prior with the parameters of the authors' code: 60 calls each of five noise levels, 100 to 6 of 255.
 
-        Patches of 9 x 9 to 6 x 6 pixels, all frames are searched 30 pixels around the same place, groups serve 20 calls,
-        and singular values are shrunk in closed form. There is no warm-up. It takes hours for frames of 256 x 256.
+        Patches have 9 x 9 to 6 x 6 pixels. All frames are searched 30 pixels around the same place. Groups serve 20
+        calls. Singular values are shrunk in closed form. There is no warm-up. Frames of 256 x 256 take many hours.
         """
         usual = 255 * 0.05  # sigma of the solver without noise
         common = {"reach": 30, "near": 30, "neighbours": 1000, "motion": False, "renew": 20}
@@ -209,9 +207,7 @@ class Groups:
             pairs = pairs.reshape(-1, 2).astype(np.int64)
             first = np.searchsorted(pairs[:, 0], np.arange(frames + 1)).astype(np.int64)
             flow = np.zeros((len(pairs), (rows + 1) // 2, (columns + 1) // 2, 2), np.int16)
-        kernels.match(
-            view, prior.side, self.tops, self.lefts, flow, pairs, first, prior.reach, prior.near, self.found
-        )
+        kernels.match(view, prior.side, self.tops, self.lefts, flow, pairs, first, prior.reach, prior.near, self.found)
 
     def filter(self, view: np.ndarray, pilot: np.ndarray | None, noise: float, out: np.ndarray) -> None:
         """out <- the view with its groups at low rank, for this standard deviation of the noise."""
