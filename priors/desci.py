@@ -215,9 +215,7 @@ class Groups:
         weight = np.float32(2 * np.sqrt(2 * prior.patches) * noise**2)
         rounds = 0 if prior.exact else ROUNDS if pilot is None else 1
         guide = view[:0] if pilot is None or prior.exact else pilot
-        kernels.collaborate(
-            view, guide, weight, rounds, prior.side, self.edge, self.tops, self.lefts, self.found, self.reach, out
-        )
+        kernels.collaborate(view, guide, weight, rounds, prior.side, self.edge, self.found, self.reach, out)
 
 
 def grid(length: int, side: int, step: int) -> np.ndarray:

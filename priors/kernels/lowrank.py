@@ -251,62 +251,6 @@ def _scatter(group, mean, window, side, places, columns, total, weights):
         weights[places[k]] += 1
 
 
-@kernel
-def collaborate(view, pilot, weight, rounds, side, edge, tops, lefts, found, reach, out):
-    """out <- a view (B, H, W) with its groups of patches brought to low rank.
-
-    The weight C of :func:`_reweighted` and :func:`_shrunk` is that of the nuclear norm. With `rounds` of 0 groups are
-    shrunk in closed form. Else the singular values are those of the pilot (B, H, W), or without one (0, H, W) those of
-    the group itself, and then those of the round before. A group has patches of frames up to `reach` away.
-    """
-    frames, rows, columns = view.shape
-    size, area, count = rows * columns, side * side, found.shape[3]
-    deep, flat = min(2 * reach + 1, frames), count > area
-    window = np.outer(edge, edge).reshape(-1)
-    total = np.zeros((frames, deep * size), view.dtype)
-    weights = np.zeros_like(total)
-    for b in numba.prange(frames):
-        begin = min(max(b - reach, 0), frames - deep) * size
-        group, signal = np.empty((count, area), view.dtype), np.empty((count, area), view.dtype)
-        mean, places = np.empty(area, view.dtype), np.empty(count, np.int64)
-        order = min(count, area)
-        wide = np.empty((order, max(count, area)), view.dtype)  # the group, transposed if it has more rows than columns
-        low = np.empty_like(wide)
-        gram, half = np.empty((order, order), view.dtype), np.zeros((order, order), view.dtype)
-        factors = np.empty_like(gram)
-        for i in range(tops.size):
-            for j in range(lefts.size):
-                places[:] = found[b, i, j]
-                if len(pilot) > 0:
-                    _gather(pilot.reshape(-1), columns, side, places, signal)
-                    _centre(signal, mean)
-                _gather(view.reshape(-1), columns, side, places, group)
-                _centre(group, mean)
-                _turn(group, flat, wide)
-                if len(pilot) > 0:
-                    _turn(signal, flat, low)
-                else:
-                    low[:] = wide
-                for _ in range(max(rounds, 1)):
-                    _gram(low, gram)
-                    if rounds > 0:
-                        _reweighted(gram, weight, half, factors)
-                    else:
-                        _shrunk(gram, weight, half, factors)
-                    _times(factors, wide, low)
-                _turn(low, flat, group)
-                places -= begin
-                _scatter(group, mean, window, side, places, columns, total[b], weights[b])
-    for n in numba.prange(frames):
-        sums, counts = np.zeros((rows, columns), view.dtype), np.zeros((rows, columns), view.dtype)
-        for b in range(frames):
-            at = (n - min(max(b - reach, 0), frames - deep)) * size
-            if 0 <= at < deep * size:
-                sums += total[b, at : at + size].reshape(rows, columns)
-                counts += weights[b, at : at + size].reshape(rows, columns)
-        out[n] = sums / _spread(counts, edge)
-
-
 @loop
 def _turn(matrix, transposed, out):
     """out <- the matrix, or its transpose."""
@@ -314,6 +258,40 @@ def _turn(matrix, transposed, out):
         out[:] = matrix.T
     else:
         out[:] = matrix
+
+
+@loop
+def _of_frame(view, pilot, weight, rounds, side, edge, found, begin, total, weights):
+    """Groups (R, C, K) that begin in a frame: the sum of their patches, and their weights, from frame `begin` on."""
+    columns, count, area = view.shape[2], found.shape[2], side * side
+    order, tall = min(count, area), count > area
+    window, start = np.outer(edge, edge).reshape(-1), begin * view[0].size
+    group, mean, places = np.empty((count, area), view.dtype), np.empty(area, view.dtype), np.empty(count, np.int64)
+    wide = np.empty((order, max(count, area)), view.dtype)  # a group, transposed if it has more rows than columns
+    low, gram = np.empty_like(wide), np.empty((order, order), view.dtype)
+    scratch, factors = np.zeros_like(gram), np.empty_like(gram)
+    for i in range(found.shape[0]):
+        for j in range(found.shape[1]):
+            places[:] = found[i, j]
+            if len(pilot) > 0:
+                _gather(pilot.reshape(-1), columns, side, places, group)
+                _centre(group, mean)
+                _turn(group, tall, low)
+            _gather(view.reshape(-1), columns, side, places, group)
+            _centre(group, mean)
+            _turn(group, tall, wide)
+            if len(pilot) == 0:
+                low[:] = wide
+            for _ in range(max(rounds, 1)):
+                _gram(low, gram)
+                if rounds > 0:
+                    _reweighted(gram, weight, scratch, factors)
+                else:
+                    _shrunk(gram, weight, scratch, factors)
+                _times(factors, wide, low)
+            _turn(low, tall, group)
+            places -= start
+            _scatter(group, mean, window, side, places, columns, total, weights)
 
 
 @loop
@@ -326,3 +304,37 @@ def _spread(weights, edge):
     for d in range(edge.size):
         out[d:] += edge[d] * along[: rows - d]
     return out
+
+
+@loop
+def _merged(n, begins, total, weights, edge, out):
+    """out (H, W) <- frame n, from the sums of all frames, of which each begins with another frame."""
+    size = out.size
+    sums, counts = np.zeros_like(out), np.zeros_like(out)
+    for b in range(begins.size):
+        at = (n - begins[b]) * size
+        if 0 <= at < total.shape[1]:
+            sums += total[b, at : at + size].reshape(out.shape)
+            counts += weights[b, at : at + size].reshape(out.shape)
+    out[:] = sums / _spread(counts, edge)
+
+
+@kernel
+def collaborate(view, pilot, weight, rounds, side, edge, found, reach, out):
+    """out <- a view (B, H, W) with its groups of patches (B, R, C, K) brought to low rank.
+
+    `weight` is the C of :func:`_reweighted` and :func:`_shrunk`. With `rounds` of 0 groups are shrunk in closed form.
+    Else the singular values are those of the pilot (B, H, W), or without one (0, H, W) those of the group itself, and
+    then those of the round before. A group has patches of frames up to `reach` away. `edge` is the window of a patch.
+    """
+    frames = len(view)
+    deep = min(2 * reach + 1, frames)
+    begins = np.empty(frames, np.int64)
+    for b in range(frames):
+        begins[b] = min(max(b - reach, 0), frames - deep)
+    total = np.zeros((frames, deep * view[0].size), view.dtype)
+    weights = np.zeros_like(total)
+    for b in numba.prange(frames):
+        _of_frame(view, pilot, weight, rounds, side, edge, found[b], begins[b], total[b], weights[b])
+    for n in numba.prange(frames):
+        _merged(n, begins, total, weights, edge, out[n])

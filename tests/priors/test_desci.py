@@ -7,6 +7,7 @@ from skimage import data
 
 import pnp_sci
 from pnp_sci import datasets, denoise, psnr
+from pnp_sci.accel.jit import PARALLEL_FROM
 from pnp_sci.errors import InputError
 from pnp_sci.plugins.combine import Stages
 from priors.desci import DeSCI, Groups, grid
@@ -158,17 +159,24 @@ def test_patches_cover_a_line(length, side, step):
 
 
 def test_the_same_with_any_number_of_threads():
-    x = noisy(np.stack([moving(), moving()[::-1]]), 0.1)
+    """Bit for bit, and large enough that several threads are at work."""
+    view = moving(4, 96, 100)
+    groups, out = grouped(view, patches=16), np.empty_like(view)
+    assert view.size > PARALLEL_FROM
     before, results = numba.get_num_threads(), []
     try:
-        for threads in range(1, min(3, numba.config.NUMBA_NUM_THREADS + 1)):
+        for threads in (1, numba.config.NUMBA_NUM_THREADS):
             numba.set_num_threads(threads)
-            session = DeSCI().begin(x.shape, x.dtype)
-            results.append([np.array(session(x, 0.1)) for _ in range(2)])
+            groups.search(view, 0.05)
+            found = groups.found.copy()
+            results.append([found])
+            for pilot in (None, view):
+                groups.filter(noisy(view, 0.1), pilot, 0.1, out)
+                results[-1].append(out.copy())
     finally:
         numba.set_num_threads(before)
-    for result in results:
-        np.testing.assert_array_equal(result, results[0])
+    for one, several in zip(*results):
+        np.testing.assert_array_equal(one, several)
 
 
 def test_views_do_not_mix_once_groups_serve():
