@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import sys
 from dataclasses import dataclass
 
 import numpy as np
@@ -11,6 +12,7 @@ from pnp_sci.accel.arrays import single
 from pnp_sci.errors import InputError
 from pnp_sci.plugins.combine import Stages
 from pnp_sci.plugins.protocols import Prior, Session, Traits
+from pnp_sci.solvers.schedule import TUNED as SCHEDULE
 from priors.flow import Flow
 from priors.kernels import lowrank as kernels
 from priors.motion.measure import TUNED as MOTION
@@ -121,29 +123,26 @@ class DeSCI(Prior):
 
     @staticmethod
     def published() -> Stages:
-        """The prior with the parameters of the authors' code: 60 calls each of five noise levels, 100 to 6 of 255.
+        """The parameters of the authors' code: 60 calls each of five noise levels, 100 to 6 of 255, without warm-up.
 
         Patches have 9 x 9 to 6 x 6 pixels. All frames are searched 30 pixels around the same place. Groups serve 20
-        calls. Singular values are shrunk in closed form. There is no warm-up. Frames of 256 x 256 take many hours.
+        calls. Singular values are shrunk in closed form. Frames of 256 x 256 take many hours.
         """
-        usual = 255 * 0.05  # sigma of the solver without noise
-        common = {"reach": 30, "near": 30, "neighbours": 1000, "motion": False, "renew": 20}
-        return Stages(
-            [
-                (
-                    DeSCI(
-                        patches, side, max(side // 2 - 1, 1), strength=level / usual, begin_strength=level / usual,
-                        beside=0, exact=True, first=0, **common,
-                    ),
-                    60,
-                )
-                for level, side, patches in PUBLISHED
-            ]
-        )  # fmt: skip
+        stages = []
+        for level, side, patches in PUBLISHED:
+            noise = level / 255 / SCHEDULE.sigma
+            prior = DeSCI(
+                patches, side, max(side // 2 - 1, 1), reach=30, near=30, neighbours=sys.maxsize, motion=False, renew=20,
+                strength=noise, begin_strength=noise, beside=0, exact=True, first=0,
+            )  # fmt: skip
+            stages.append((prior, 60))
+        return Stages(stages)
 
     def traits(self, shape: tuple[int, ...]) -> Traits:
-        """Strong after total variation; estimates change from groups to groups."""
-        return Traits(strong=True, warmup=(TV(), self.first), average=True) if self._has_patches(shape) else Traits()
+        """Strong after total variation; estimates change from groups to groups, unless their minimum is exact."""
+        if not self._has_patches(shape):
+            return Traits()
+        return Traits(strong=True, warmup=(TV(), self.first), average=not self.exact)
 
     def begin(self, shape: tuple[int, ...], dtype: np.dtype) -> Session:
         """A session without groups; of total variation where frames are smaller than a patch."""
