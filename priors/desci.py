@@ -96,16 +96,16 @@ class DeSCI(Prior):
     True
     """
 
-    patches: int = 48
+    patches: int = 64
     side: int = 8
     step: int = 8
-    reach: int = 8
-    near: int = 3
+    reach: int = 5
+    near: int = 2
     neighbours: int = MOTION.neighbours
     motion: bool = True
     renew: int = 6
     strength: float = 2.9
-    begin_strength: float = 5.4
+    begin_strength: float = 9.0
     beside: float = 0.25
     exact: bool = False
     first: int = TOTAL_VARIATION.warmup
