@@ -27,8 +27,10 @@ PAGES = ROOT / "docs" / "calibration"
 SIZE = 128  # pixels per side of a case
 OPTIONS = {"priors.flow.Flow": ("tolerance",), "pnp_sci.api.solve": ("tol",)}  # numbers that are options
 DEFAULTS = {  # options whose defaults are tuned numbers
-    "priors.tv.warmup": tuple(f"priors.{p}.first" for p in ("bm3d.BM3D", "flow.Flow", "ffdnet.FFDNet", "video.Video")),
-    "priors.motion.measure.neighbours": ("priors.flow.Flow.neighbours",),
+    "priors.tv.warmup": tuple(
+        f"priors.{p}.first" for p in ("bm3d.BM3D", "flow.Flow", "desci.DeSCI", "ffdnet.FFDNet", "video.Video")
+    ),
+    "priors.motion.measure.neighbours": ("priors.flow.Flow.neighbours", "priors.desci.DeSCI.neighbours"),
     "priors.motion.measure.drift": ("priors.flow.Flow.drift",),
 }
 # Methods that depend on a module, and the kinds of cases: moving scenes, noise, still scenes, choice of the scene model

@@ -12,6 +12,7 @@ import pytest
 import priors
 from priors.bm3d import BM3D
 from priors.both import Both
+from priors.desci import DeSCI
 from priors.ffdnet import FFDNet
 from priors.flow import Flow
 from priors.tv import TV
@@ -61,6 +62,7 @@ CLASSICAL = [  # what is smooth already stays as it is
     pytest.param(Wavelet(wavelet="haar", time=0, shifts=2), id="haar frame by frame"),
     pytest.param(Wavelet(wavelet="bior4.4", time=3, levels=5), id="wavelet deep in time"),
     pytest.param(BM3D(), id="bm3d"),
+    pytest.param(DeSCI(), id="desci"),
 ]
 PRIORS = [
     *CLASSICAL,

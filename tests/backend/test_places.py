@@ -20,7 +20,7 @@ def stays_on_the_cpu(session):
     return isinstance(session, OnHost)
 
 
-@pytest.mark.parametrize("name", ["tv", "wavelet", "bm3d", "flow", "ffdnet", "video", "both"])
+@pytest.mark.parametrize("name", ["tv", "wavelet", "bm3d", "flow", "desci", "ffdnet", "video", "both"])
 def test_the_guide_says_where_a_prior_runs(name):
     rows = dict(ROW.findall(GUIDE.read_text(encoding="utf-8")))
     if name in ("ffdnet", "video", "both") and not has_weights("video"):

@@ -7,6 +7,7 @@ from operators_and_priors import learned
 import pnp_sci
 from pnp_sci import datasets
 from priors.bm3d import BM3D
+from priors.desci import DeSCI
 from priors.flow import Flow
 from priors.tv import TV
 from priors.video import Video
@@ -32,6 +33,7 @@ def scenes():
         pytest.param("wavelet", Wavelet(), id="wavelet"),
         pytest.param("bm3d", BM3D(), id="bm3d"),
         pytest.param("flow", Flow(), id="flow"),
+        pytest.param("desci", DeSCI(), id="desci"),
         learned("video", Video(), name="video"),
     ],
 )

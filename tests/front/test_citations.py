@@ -32,6 +32,7 @@ def named(authors, listed):
         ("wavelet", ["Coifman"]),
         ("bm3d", ["Dabov", "Chambolle"]),
         ("flow", ["Kroeger", "Buades", "Dabov", "Chambolle"]),
+        ("desci", ["Rank minimization", "Gu", "Kroeger", "Chambolle"]),
         ("tv+wavelet", ["Chambolle", "Coifman", "Y. Yu"]),
         ([("tv", 1), ("wavelet", 2)], ["Chambolle", "Coifman"]),
         pytest.param("ffdnet", ["Zhang"], marks=needs_torch),

@@ -94,7 +94,7 @@ def test_the_error_names_the_package_and_the_extra(package, code, extra, tmp_pat
 
 def test_solving_and_looking_need_no_extra(tmp_path):
     code = SCENE + (
-        "for prior in ('tv', 'wavelet', 'bm3d', 'flow', 'auto', 'none'):\n"
+        "for prior in ('tv', 'wavelet', 'bm3d', 'flow', 'desci', 'auto', 'none'):\n"
         "    result = pnp_sci.solve(scene.y, scene.masks, prior, reference=scene.truth, iterations=3)\n"
         "    assert np.isfinite(result.x).all() and result.history[-1].ssim is not None\n"
         "assert pnp_sci.citations(result)\n"
