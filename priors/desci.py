@@ -15,6 +15,7 @@ from pnp_sci.plugins.protocols import Prior, Session, Traits
 from pnp_sci.solvers.schedule import TUNED as SCHEDULE
 from priors.flow import Flow
 from priors.kernels import lowrank as kernels
+from priors.kernels.similar import match
 from priors.motion.measure import TUNED as MOTION
 from priors.motion.measure import Motion, may_show_motion, measure
 from priors.tv import TUNED as TOTAL_VARIATION
@@ -206,7 +207,7 @@ class Groups:
             pairs = pairs.reshape(-1, 2).astype(np.int64)
             first = np.searchsorted(pairs[:, 0], np.arange(frames + 1)).astype(np.int64)
             flow = np.zeros((len(pairs), (rows + 1) // 2, (columns + 1) // 2, 2), np.int16)
-        kernels.match(view, prior.side, self.tops, self.lefts, flow, pairs, first, prior.reach, prior.near, self.found)
+        match(view, prior.side, self.tops, self.lefts, flow, pairs, first, prior.reach, prior.near, self.found)
 
     def filter(self, view: np.ndarray, pilot: np.ndarray | None, noise: float, out: np.ndarray) -> None:
         """out <- the view with its groups at low rank, for this standard deviation of the noise."""

@@ -11,7 +11,7 @@ from pnp_sci.accel.jit import PARALLEL_FROM
 from pnp_sci.errors import InputError
 from pnp_sci.plugins.combine import Stages
 from priors.desci import DeSCI, Groups, grid
-from priors.kernels import lowrank as kernels
+from priors.kernels import matrices
 from priors.tv import TV
 
 
@@ -114,7 +114,7 @@ def test_eigenvectors(size):
     matrix[-1] = matrix[0]  # one eigenvalue is 0
     gram, vectors = matrix @ matrix.T, np.empty((size, size), np.float32)
     expected, values = np.linalg.eigvalsh(gram.astype(np.float64)), gram.copy()
-    kernels._eigen(values, vectors)
+    matrices.eigen(values, vectors)
     np.testing.assert_allclose(np.sort(np.diag(values)), expected, atol=1e-5 * expected[-1])
     np.testing.assert_allclose(vectors @ vectors.T, np.eye(size), atol=1e-5)
     np.testing.assert_allclose(vectors.T @ np.diag(np.diag(values)) @ vectors, gram, atol=1e-5 * expected[-1])
