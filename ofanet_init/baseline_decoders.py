@@ -73,6 +73,13 @@ def unet(device: str | None = None) -> BaselineDecoder:
     References
     ----------
     M. Qiao, Z. Meng, J. Ma & X. Yuan, "Deep learning for video compressive sensing", APL Photonics 5 (2020).
+
+    Examples
+    --------
+    >>> import pnp_sci
+    >>> scene = pnp_sci.datasets.embedded_scene(64)
+    >>> pnp_sci.decode(scene.y, scene.masks, model="unet").x.shape
+    (2, 10, 64, 64)
     """
     return BaselineDecoder(UNet.model, device)
 

@@ -65,6 +65,17 @@ def usual(held_out):
     return quality(held_out, lambda shape: moving_masks(shape, seed=11))
 
 
+@pytest.mark.parametrize("model", ["unet", "admm-net", "birnat"])
+def test_baselines_separate_views_and_frames(held_out, model):
+    """They are far better than the mean of all frames, which each pixel of y gives."""
+    clips, masks = held_out[:3, ..., 64:192, 64:192], moving_masks((2, 10, 128, 128), seed=11)
+    means = [pnp_sci.simulate(truth, masks) / np.maximum(masks.sum((0, 1)), 1) for truth in clips]
+    mean = np.mean([pnp_sci.psnr(np.broadcast_to(m, truth.shape), truth).mean() for m, truth in zip(means, clips)])
+    decoded = quality(clips, lambda shape: masks, model)
+    print(f"{model} {decoded:.2f} dB, the mean of all frames {mean:.2f}")
+    assert decoded > mean + 3
+
+
 def test_refine_net_gains(held_out):
     """In the middle of every other pair: it takes seconds for each."""
     separated, refined = (
