@@ -12,11 +12,11 @@ from types import ModuleType
 from typing import Any
 
 MOVED = {
-    "pnp_sci.judge": "pnp_sci.scene.dark_views",
-    "pnp_sci.operator": "pnp_sci.sensing.operator",
-    "pnp_sci.recommend": "pnp_sci.advice.recommend",
-    "pnp_sci.result": "pnp_sci.results.result",
-    "pnp_sci.weights": "pnp_sci.formats.weights",
+    "pnp_sci.judge": ("pnp_sci.scene.dark_views",),
+    "pnp_sci.operator": ("pnp_sci.sensing.operator",),
+    "pnp_sci.recommend": ("pnp_sci.advice.recommend",),
+    "pnp_sci.result": ("pnp_sci.results.result", "pnp_sci.results.history"),
+    "pnp_sci.weights": ("pnp_sci.formats.weights",),
 }
 
 
@@ -25,10 +25,11 @@ class _Finder(MetaPathFinder, Loader):
         return spec_from_loader(fullname, self) if fullname in MOVED else None
 
     def exec_module(self, module: ModuleType) -> None:
-        place = MOVED[module.__name__]
-        warnings.warn(f"{module.__name__} has moved to {place}", DeprecationWarning, stacklevel=2)
-        public = {k: v for k, v in vars(importlib.import_module(place)).items() if not k.startswith("__")}
-        vars(module).update(public)
+        places = MOVED[module.__name__]
+        warnings.warn(f"{module.__name__} has moved to {' and '.join(places)}", DeprecationWarning, stacklevel=2)
+        for place in places:
+            names = vars(importlib.import_module(place)).items()
+            vars(module).update({name: value for name, value in names if not name.startswith("__")})
 
 
 sys.meta_path.append(_Finder())

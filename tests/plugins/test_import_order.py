@@ -38,7 +38,13 @@ def test_a_named_prior_is_found(before):
 
 
 @pytest.mark.parametrize(
-    ("earlier", "name"), [("pnp_sci.judge", "view_levels"), ("pnp_sci.result", "History"), ("pnp_sci.weights", "read")]
+    ("earlier", "name"),
+    [
+        ("pnp_sci.judge", "view_levels"),
+        ("pnp_sci.result", "Result"),
+        ("pnp_sci.result", "History"),
+        ("pnp_sci.weights", "read"),
+    ],
 )
 def test_a_module_that_has_moved_is_found_with_a_warning(earlier, name):
     sys.modules.pop(earlier, None)
