@@ -1,4 +1,4 @@
-"""Stages of training: separator, flow net, refine net, and all together; and the compared networks in one stage."""
+"""Stages of training: separator, flow net, refine net, and all together; and the baselines, in one stage."""
 
 from __future__ import annotations
 
@@ -25,7 +25,7 @@ from pnp_sci.training.loop import Place, Progress
 
 SIZE = 256  # pixels: side of the central square of a validation clip
 ALPHA = 1.0  # weight of the separator's loss, as in the paper
-EARLIER = 0.5  # weight of the loss of each earlier estimate of a compared network
+EARLIER = 0.5  # weight of the loss of each earlier estimate of a baseline
 
 
 @dataclass(frozen=True)
@@ -126,7 +126,7 @@ class Reconstruction(VideoStage):
 
 
 class Baseline(VideoStage):
-    """A compared network, trained in one stage. Loss: that of the last estimate and half of those before it."""
+    """A baseline, trained in one stage. Loss: that of the last estimate and half of those before it."""
 
     scores = ("psnr",)
 
