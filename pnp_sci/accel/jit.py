@@ -106,6 +106,7 @@ device_function = partial(compiled, inline="always")
 # Decorator of a plain loop over arrays. In a parallel region LLVM does not vectorise a loop that writes several arrays,
 # as they may alias; in a function of its own it does.
 loop = compiled
+summing = partial(compiled, fastmath=FASTMATH | {"reassoc"})  # a loop whose sums LLVM may reorder
 
 
 def _in_forked_child() -> None:

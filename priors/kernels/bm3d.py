@@ -4,12 +4,10 @@ A group is a flat array: patch after patch, row after row. Loops over it have co
 before they write, so that LLVM vectorises them. Where it does not, :mod:`pnp_sci.accel.simd8` has SIMD intrinsics.
 """
 
-from functools import partial
-
 import numba
 import numpy as np
 
-from pnp_sci.accel.jit import FASTMATH, compiled, kernel, loop
+from pnp_sci.accel.jit import kernel, loop, summing
 from pnp_sci.accel.simd8 import add_row, copy_row, transpose
 
 SIDE = 8  # pixels per side of a patch, and patches per group
@@ -23,9 +21,6 @@ C1, C2, C3, C4, C5, C6, C7 = (np.float32(np.cos(k * np.pi / 16) / 2) for k in ra
 OF_TWO, OF_FOUR, OF_EIGHT = (np.float32(1 / np.sqrt(n)) for n in (2, 4, 8))  # Haar wavelets over 2, 4, 8 patches
 EDGE = np.kaiser(SIDE, 2).astype(np.float32)  # Kaiser window of the aggregation
 WINDOW = np.outer(EDGE, EDGE).reshape(-1)
-
-# a loop whose sums LLVM may reorder
-summing = partial(compiled, fastmath=FASTMATH | {"reassoc"})
 
 
 @loop

@@ -1,17 +1,12 @@
 """Small matrices, one at a time within a kernel: products, Cholesky's inverse, eigenvectors."""
 
-from functools import partial
-
 import numpy as np
 
-from pnp_sci.accel.jit import FASTMATH, compiled, loop
+from pnp_sci.accel.jit import loop, summing
 from pnp_sci.accel.simd8 import multiply_16
 
-SMALL = 1e-6  # least ridge in units of the largest eigenvalue: float32 cannot factorise less
+SMALL = 1e-6  # least ridge in units of the sum of the eigenvalues: float32 cannot factorise less
 SWEEPS = 30  # most sweeps of Jacobi's rotations; they converge quadratically, in some ten
-
-# a loop whose sums LLVM may reorder
-summing = partial(compiled, fastmath=FASTMATH | {"reassoc"})
 
 
 @summing
@@ -81,6 +76,7 @@ def inverse(a, half, out):
 def eigen(a, vectors):
     """Jacobi's rotations: the diagonal of a <- its eigenvalues, vectors <- eigenvectors, one a row."""
     count, one = len(a), a.dtype.type(1)
+    least = a.dtype.type(1e-7) * np.trace(a) / count  # what is nothing beside the mean eigenvalue
     vectors[:] = 0
     for k in range(count):
         vectors[k, k] = 1
@@ -88,7 +84,7 @@ def eigen(a, vectors):
         turned = False
         for p in range(count - 1):
             for q in range(p + 1, count):
-                if abs(a[p, q]) <= 1e-7 * np.sqrt(abs(a[p, p] * a[q, q])):
+                if abs(a[p, q]) <= least:
                     continue
                 turned = True
                 slope = (a[q, q] - a[p, p]) / (2 * a[p, q])

@@ -3,18 +3,13 @@
 A patch is given by the index of its first pixel in the flat view.
 """
 
-from functools import partial
-
 import numba
 import numpy as np
 
-from pnp_sci.accel.jit import FASTMATH, compiled, kernel, loop
+from pnp_sci.accel.jit import kernel, loop, summing
 from priors.kernels.average import FRACTION
 
 FAST = 8  # pixels per side of a patch for which LLVM unrolls
-
-# a loop whose sums LLVM may reorder
-summing = partial(compiled, fastmath=FASTMATH | {"reassoc"})
 
 
 @summing
@@ -73,7 +68,7 @@ def match(view, side, tops, lefts, flow, pairs, first, reach, near, found):
             places, row, column = found[b, i, j], tops[i], lefts[j]
             places[:], distances[:] = (b * rows + row) * columns + column, np.inf
             _search(view, side, b, row, column, reach, places, distances)
-            y, x = min(row + side // 2, rows - 1) // 2, min(column + side // 2, columns - 1) // 2
+            y, x = (row + side // 2) // 2, (column + side // 2) // 2
             for p in range(first[b], first[b + 1]):
                 down, across = np.rint(flow[p, y, x, 1] / FRACTION), np.rint(flow[p, y, x, 0] / FRACTION)
                 there = row + np.int64(down), column + np.int64(across)
