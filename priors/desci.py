@@ -2,9 +2,11 @@
 
 from __future__ import annotations
 
+import math
 import sys
 from dataclasses import dataclass
 
+import numba
 import numpy as np
 
 from pnp_sci._validate import finite_number, positive_number, whole
@@ -75,7 +77,7 @@ class DeSCI(Prior):
 
     Raises
     ------
-    InputError, InputTypeError
+    InputError
         If a parameter is out of its range.
 
     References
@@ -126,8 +128,9 @@ class DeSCI(Prior):
     def published() -> Stages:
         """The parameters of the authors' code: 60 calls each of five noise levels, 100 to 6 of 255, without warm-up.
 
-        Patches have 9 x 9 to 6 x 6 pixels. All frames are searched 30 pixels around the same place. Groups serve 20
-        calls. Singular values are shrunk in closed form. Frames of 256 x 256 take many hours.
+        The levels are those of a solver whose sigma is 0.05, as it is by default without noise. Patches have 9 x 9 to
+        6 x 6 pixels. All frames are searched 30 pixels around the same place. Groups serve 20 calls. Singular values
+        are shrunk in closed form. Frames of 256 x 256 take many hours.
         """
         stages = []
         for level, side, patches in PUBLISHED:
@@ -192,7 +195,8 @@ class Groups:
         self.reach = min(prior.neighbours, frames - 1)
         self.tops, self.lefts = (grid(n, prior.side, prior.step) for n in size)
         self.edge = np.kaiser(prior.side, KAISER).astype(np.float32)
-        self.found = np.empty((frames, self.tops.size, self.lefts.size, prior.patches), np.int32)
+        kind = np.int32 if math.prod(shape) < 2**31 else np.int64
+        self.found = np.empty((frames, self.tops.size, self.lefts.size, prior.patches), kind)
         self.seen: Motion | None = None
 
     def search(self, view: np.ndarray, sigma: float) -> None:
@@ -207,7 +211,8 @@ class Groups:
             pairs = pairs.reshape(-1, 2).astype(np.int64)
             first = np.searchsorted(pairs[:, 0], np.arange(frames + 1)).astype(np.int64)
             flow = np.zeros((len(pairs), (rows + 1) // 2, (columns + 1) // 2, 2), np.int16)
-        match(view, prior.side, self.tops, self.lefts, flow, pairs, first, prior.reach, prior.near, self.found)
+        reach, near = (min(radius, max(rows, columns)) for radius in (prior.reach, prior.near))
+        match(view, prior.side, self.tops, self.lefts, flow, pairs, first, reach, near, self.found)
 
     def filter(self, view: np.ndarray, pilot: np.ndarray | None, noise: float, out: np.ndarray) -> None:
         """out <- the view with its groups at low rank, for this standard deviation of the noise."""
@@ -215,7 +220,8 @@ class Groups:
         weight = np.float32(2 * np.sqrt(2 * prior.patches) * noise**2)
         rounds = 0 if prior.exact else ROUNDS if pilot is None else 1
         guide = view[:0] if pilot is None or prior.exact else pilot
-        kernels.collaborate(view, guide, weight, rounds, prior.side, self.edge, self.found, self.reach, out)
+        threads = numba.get_num_threads()
+        kernels.collaborate(view, guide, weight, rounds, prior.side, self.edge, self.found, self.reach, threads, out)
 
 
 def grid(length: int, side: int, step: int) -> np.ndarray:

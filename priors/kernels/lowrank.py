@@ -42,19 +42,20 @@ def _centre(group, mean):
 def _reweighted(gram, weight, half, factors):
     """factors <- G (G + C)^-1 for the weight C: one step of reweighting, with the singular values of an estimate.
 
-    The estimate's Gram matrix is overwritten.
+    Where C is too small for float32, they are ``1 - C (G + ridge)^-1``, which shrinks less, not more. The estimate's
+    Gram matrix is overwritten.
     """
-    count, largest = len(gram), gram.dtype.type(0)
+    count, trace = len(gram), gram.dtype.type(0)
     for k in range(count):
-        largest = max(largest, gram[k, k])
-    scale = 1 / max(weight, gram.dtype.type(SMALL) * largest, gram.dtype.type(1e-30))
-    gram *= scale
+        trace += gram[k, k]
+    ridge = max(weight, gram.dtype.type(SMALL) * trace, gram.dtype.type(1e-30))
+    gram *= 1 / ridge
     for k in range(count):
         gram[k, k] += 1
     inverse(gram, half, factors)
     for k in range(count):
         for m in range(count):
-            factors[k, m] = -factors[k, m]
+            factors[k, m] *= -weight / ridge
         factors[k, k] += 1
 
 
@@ -145,34 +146,39 @@ def _spread(weights, edge):
 
 
 @loop
-def _merged(n, begins, total, weights, edge, out):
-    """out (H, W) <- frame n, from the sums of all frames, of which each begins with another frame."""
-    size = out.size
-    sums, counts = np.zeros_like(out), np.zeros_like(out)
+def _add(n, begins, total, weights, out, counts):
+    """out, counts (H, W) of frame n += the sums of some frames, of which each begins with another frame."""
     for b in range(begins.size):
-        at = (n - begins[b]) * size
+        at = (n - begins[b]) * out.size
         if 0 <= at < total.shape[1]:
-            sums += total[b, at : at + size].reshape(out.shape)
-            counts += weights[b, at : at + size].reshape(out.shape)
-    out[:] = sums / _spread(counts, edge)
+            out += total[b, at : at + out.size].reshape(out.shape)
+            counts += weights[b, at : at + out.size].reshape(out.shape)
 
 
 @kernel
-def collaborate(view, pilot, weight, rounds, side, edge, found, reach, out):
+def collaborate(view, pilot, weight, rounds, side, edge, found, reach, threads, out):
     """out <- a view (B, H, W) with its groups of patches (B, R, C, K) brought to low rank.
 
     `weight` is the C of :func:`_reweighted` and :func:`_shrunk`. With `rounds` of 0 groups are shrunk in closed form.
     Else the singular values are those of the pilot (B, H, W), or without one (0, H, W) those of the group itself, and
     then those of the round before. A group has patches of frames up to `reach` away. `edge` is the window of a patch.
+    Each of `threads` frames at a time has sums of its own, which are added in the order of the frames.
     """
     frames = len(view)
     deep = min(2 * reach + 1, frames)
     begins = np.empty(frames, np.int64)
     for b in range(frames):
         begins[b] = min(max(b - reach, 0), frames - deep)
-    total = np.zeros((frames, deep * view[0].size), view.dtype)
-    weights = np.zeros_like(total)
-    for b in numba.prange(frames):
-        _of_frame(view, pilot, weight, rounds, side, edge, found[b], begins[b], total[b], weights[b])
+    total = np.empty((min(threads, frames), deep * view[0].size), view.dtype)
+    weights, counts = np.empty_like(total), np.zeros_like(view)
+    out[:] = 0
+    for first in range(0, frames, threads):
+        now = begins[first : first + threads]
+        total[:], weights[:] = 0, 0
+        for k in numba.prange(now.size):
+            b = first + k
+            _of_frame(view, pilot, weight, rounds, side, edge, found[b], now[k], total[k], weights[k])
+        for n in numba.prange(frames):
+            _add(n, now, total, weights, out[n], counts[n])
     for n in numba.prange(frames):
-        _merged(n, begins, total, weights, edge, out[n])
+        out[n] /= _spread(counts[n], edge)

@@ -1,5 +1,7 @@
 """Groups of patches at low rank: the kernels against numpy, what groups are made of, and what they are worth."""
 
+import sys
+
 import numba
 import numpy as np
 import pytest
@@ -209,6 +211,43 @@ def test_any_sigma_once_groups_serve(sigma):
         assert np.isfinite(out).all()
     if sigma < 1e-3:
         np.testing.assert_allclose(out, x, atol=20 * sigma)
+
+
+@pytest.mark.parametrize("sigma", [1e-5, 1e-4, 1e-3])
+def test_patterns_of_few_patches_survive_little_noise(sigma):
+    """Stripes that move: thousands of patches are alike, and far above the noise."""
+    stripes = ((np.arange(40) + np.arange(4)[:, None]) // 5 % 2).astype(np.float32)
+    x = np.ascontiguousarray(np.broadcast_to(stripes[:, None], (1, 4, 40, 40)))
+    session = DeSCI().begin(x.shape, x.dtype)
+    for _ in range(8):
+        np.testing.assert_allclose(session(x, sigma), x, atol=10 * sigma)
+
+
+def test_no_radius_is_too_large():
+    view = moving(3, 20, 22)
+    whole, beyond = (grouped(view, reach=reach, near=reach).found for reach in (22, sys.maxsize))
+    np.testing.assert_array_equal(whole, beyond)
+
+
+def test_places_in_long_videos_have_a_type_that_holds_them():
+    shape = 600, 2048, 2048
+    found = Groups(DeSCI(patches=2, side=64, step=64), shape).found
+    assert np.iinfo(found.dtype).max >= np.prod(shape)
+    assert grouped(moving()).found.dtype == np.int32
+
+
+@pytest.mark.skipif(sys.platform != "linux", reason="reads the peak of memory as Linux has it")
+def test_memory_does_not_grow_with_the_square_of_the_frames():
+    """Groups with patches of all frames: one set of sums for all frames would have half a gigabyte."""
+    import resource
+
+    view = moving(64, 128, 128, step=(0, 1))
+    groups, out = Groups(DeSCI(patches=2, neighbours=63), view.shape), np.empty_like(view)
+    groups.found[:] = np.arange(view.size).reshape(view.shape)[:, groups.tops][:, :, groups.lefts][..., None]
+    before = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss
+    groups.filter(view, view, 0.1, out)
+    np.testing.assert_allclose(out, view, atol=1e-5)
+    assert resource.getrusage(resource.RUSAGE_SELF).ru_maxrss - before < 200_000  # kilobytes
 
 
 @pytest.mark.parametrize("shape", [(1, 2, 7, 40), (2, 3, 5, 5)])
