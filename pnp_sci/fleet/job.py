@@ -9,7 +9,7 @@ import math
 import os
 from collections.abc import Iterator
 from contextlib import suppress
-from dataclasses import dataclass, is_dataclass, replace
+from dataclasses import dataclass, fields, is_dataclass, replace
 from functools import cached_property
 from importlib.util import find_spec
 from pathlib import Path
@@ -128,14 +128,14 @@ def plain(name: str, value: Any) -> Any:
     >>> plain("prior", ("tv", 3))
     ['tv', 3]
     """
+    if isinstance(value, np.generic):
+        value = value.item()
     if isinstance(value, float) and not math.isfinite(value):
         return str(value)
     if isinstance(value, PLAIN):
         return value
     if isinstance(value, (str, Path)):
         return f"{value}, SHA-256 {_of_file(Path(value))}" if os.path.isfile(value) else str(value)
-    if isinstance(value, np.generic):
-        return value.item()
     if isinstance(value, (list, tuple)):
         return [plain(name, item) for item in value]
     if isinstance(value, dict):
@@ -148,8 +148,7 @@ def plain(name: str, value: Any) -> Any:
     if is_torch_module(value):
         return [_named(type(value)), _of_module(value)]
     if is_dataclass(value) and not isinstance(value, type):
-        fields = {field: getattr(value, field) for field in value.__dataclass_fields__}
-        return [_named(type(value)), plain(name, fields)]
+        return [_named(type(value)), plain(name, {field.name: getattr(value, field.name) for field in fields(value)})]
     if hasattr(value, "__qualname__") and _says_all(value):
         return _named(value)
     raise InputTypeError(

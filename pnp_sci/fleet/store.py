@@ -109,15 +109,10 @@ def put_videos(path: Path, start: int, videos: np.ndarray, name: str = VIDEO) ->
         array[n * frames : (n + 1) * frames] = video.swapaxes(0, 1)
 
 
-def forget(path: Path, start: int, stop: int) -> None:
-    """Remove the records of measurements: their videos are about to change."""
+def clear(path: Path, start: int, stop: int) -> None:
+    """Remove records, and then videos and predicted errors, of measurements."""
     for n in range(start, stop):
         _record(path, n).unlink(missing_ok=True)
-
-
-def clear(path: Path, start: int, stop: int) -> None:
-    """Remove records and videos of measurements."""
-    forget(path, start, stop)
     group = library().open_group(path, mode="r+")
     frames = group[MASKS].shape[1]
     for name in {VIDEO, ERRORS} & set(group.array_keys()):

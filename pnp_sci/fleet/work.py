@@ -73,7 +73,7 @@ def solve_chunk(job_name: str, chunk: Chunk, y: np.ndarray | None, preview: bool
             put_failures(path, chunk, facts, error)
             return {"errors": chunk.stop - chunk.start}
     inside = slice(chunk.start - around.start, chunk.stop - around.start)
-    store.forget(path, *chunk)
+    store.clear(path, *chunk)
     store.put_videos(path, chunk.start, result.x[inside])
     if result.uncertainty is not None:
         store.put_videos(path, chunk.start, result.uncertainty[inside], store.ERRORS)

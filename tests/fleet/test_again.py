@@ -82,9 +82,10 @@ def test_a_file_that_was_written_anew_is_solved_anew(client, tmp_path):
 @pytest.mark.parametrize("options", [{}, {"uncertainty": True}, {"preview": "wavelet"}])
 def test_what_failed_has_no_video(client, tmp_path, options):
     """Neither that of earlier measurements nor a preview; the others stay."""
-    y, masks = capture(dtype=np.float32)
+    y, masks = capture(size=48, dtype=np.float32)
     out = tmp_path / "v.zarr"
-    pnp_sci.reconstruct(y, masks, out, client, **FAST, **options)
+    videos = pnp_sci.reconstruct(y, masks, out, client, **FAST, **options)
+    assert videos.uncertainty is None or np.isfinite(videos.uncertainty[:]).all()
     before = files(out)
     y[2, 3, 3] = np.inf
     videos = pnp_sci.reconstruct(y, masks, out, client, **FAST, **options)
@@ -108,6 +109,24 @@ def test_no_record_outlives_the_video_it_describes(client, tmp_path, monkeypatch
     monkeypatch.setattr(store, "put_videos", watched)
     assert pnp_sci.reconstruct(y, masks, out, client, **FAST).ok
     assert seen == [None]
+
+
+def test_a_preview_has_no_errors_of_an_earlier_video(client, tmp_path, monkeypatch):
+    y, masks = capture(size=48)
+    out, put, seen = tmp_path / "v.zarr", store.put_record, []
+    options = {"uncertainty": True, "preview": "wavelet"}
+    videos = pnp_sci.reconstruct(y, masks, out, client, **FAST, **options)
+    assert np.isfinite(videos.uncertainty[:]).all()
+    y[1:3] += 5
+
+    def watched(path, n, record):
+        put(path, n, record)
+        if record["method"] == "wavelet":
+            seen.append(np.isnan(pnp_sci.Reconstruction(out).uncertainty[4 * n : 4 * n + 4]).all())
+
+    monkeypatch.setattr(store, "put_record", watched)
+    assert pnp_sci.reconstruct(y, masks, out, client, **FAST, **options).ok
+    assert seen == [True]
 
 
 def test_what_a_kill_left_is_swept(client, tmp_path):

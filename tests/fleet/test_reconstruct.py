@@ -177,9 +177,10 @@ def test_priors_of_ones_own_and_arrays_among_the_options(client, tmp_path):
 
 
 def test_predicted_errors_lie_beside_the_videos(client, tmp_path):
-    y, masks = capture(2)
+    y, masks = capture(2, size=48)
     videos = pnp_sci.reconstruct(y, masks, tmp_path / "v.zarr", client, uncertainty=True, **FAST)
     alone = pnp_sci.solve(y[1], masks, uncertainty=True, **FAST)
+    assert np.isfinite(alone.uncertainty).all()
     np.testing.assert_array_equal(videos.uncertainty[4:].swapaxes(0, 1), alone.uncertainty)
 
 

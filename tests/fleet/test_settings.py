@@ -1,7 +1,7 @@
 """What tells one run from another: equal settings for equal results, other settings for other results."""
 
 import functools
-from dataclasses import dataclass
+from dataclasses import InitVar, dataclass
 from pathlib import Path
 
 import numpy as np
@@ -102,6 +102,7 @@ def test_other_weights_are_refused(client, tmp_path):
 class Weighed:
     weights: Path
     most: float = float("inf")
+    least: np.float32 = np.float32("nan")
 
     def __call__(self, x, sigma):
         return 0.9 * x
@@ -111,6 +112,18 @@ def test_a_number_that_json_does_not_have_is_no_change(client, tmp_path):
     options = {"prior": Weighed(Path("none")), "iterations": 3}
     for _ in range(2):
         assert pnp_sci.reconstruct(Y, MASKS, tmp_path / "v.zarr", client, **options).ok
+
+
+def test_arguments_of_a_dataclass_that_are_no_attributes_are_left_out():
+    @dataclass
+    class Made:
+        factor: float
+        half: InitVar[bool]
+
+        def __post_init__(self, half):
+            self.factor /= 1 + half
+
+    assert plain("prior", Made(1.0, True)) == plain("prior", Made(0.5, False)) != plain("prior", Made(1.0, False))
 
 
 def test_modules_are_known_by_weights_structure_and_attributes():
