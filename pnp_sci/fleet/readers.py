@@ -61,7 +61,10 @@ def of_memmap(source: Any) -> Path | None:
     path = Path(str(getattr(source, "filename", "")))
     if not isinstance(source, np.memmap) or source.mode == "c" or path.suffix != ".npy" or not path.is_file():
         return None
-    there = np.load(path, mmap_mode="r", allow_pickle=False)
+    try:
+        there = np.load(path, mmap_mode="r", allow_pickle=False)
+    except ValueError:  # it has no head: a file of another format
+        return None
     same = all(getattr(source, name) == getattr(there, name) for name in ("offset", "shape", "strides", "dtype"))
     return path if same else None
 
@@ -174,7 +177,7 @@ def tiff(path: Path, key: str | None) -> tuple[Head, Stack | Pages]:
 
     with tifffile.TiffFile(path) as file:
         series: Any = file.series[0]
-        if len(file.series) == 1 and series.dataoffset is not None and not series.axes.endswith("S"):
+        if len(file.series) == 1 and series.dataoffset is not None and "S" not in series.axes:
             stack = tifffile.memmap(path, mode="r")
             head = Head((stack.size // int(np.prod(stack.shape[-2:])), *stack.shape[-2:]), stack.dtype)
             return head, Stack(path, head, stack.offset)

@@ -98,11 +98,14 @@ def test_other_weights_are_refused(client, tmp_path):
         pnp_sci.reconstruct(Y, MASKS, out, client, prior=Weighed(file), iterations=3)
 
 
+NONE = np.float32("nan")
+
+
 @dataclass(frozen=True)
 class Weighed:
     weights: Path
     most: float = float("inf")
-    least: np.float32 = np.float32("nan")
+    least: np.float32 = NONE
 
     def __call__(self, x, sigma):
         return 0.9 * x

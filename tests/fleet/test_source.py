@@ -165,8 +165,10 @@ def test_reading_a_page_looks_at_no_others(tmp_path, monkeypatch, made, in_folde
 
 def test_colours_are_no_measurements(tmp_path):
     tifffile = pytest.importorskip("tifffile")
-    for options in ({}, {"compression": "zlib"}):
-        tifffile.imwrite(tmp_path / "y.tif", np.zeros((8, 8, 3), np.uint8), photometric="rgb", **options)
+    pixels, planes = np.zeros((2, 8, 8, 3), np.uint8), np.zeros((2, 3, 8, 8), np.uint8)
+    in_planes = {"planarconfig": "separate"}
+    for x, options in ((pixels, {}), (pixels, {"compression": "zlib"}), (planes, in_planes), (planes[0], in_planes)):
+        tifffile.imwrite(tmp_path / "y.tif", x, photometric="rgb", **options)
         with pytest.raises(FormatError, match="grey pictures"):
             open_source(tmp_path / "y.tif")
 
@@ -207,6 +209,13 @@ def test_hdf5_that_is_being_written_is_named(tmp_path):
         done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True)
     assert f"{path}: another program has it open for writing" in done.stderr
     assert "damaged" not in done.stderr.splitlines()[-1]
+
+
+def test_an_array_is_a_file_of_its_own_format_only(tmp_path):
+    """Numbers without a head in a file that is named like NPY."""
+    raw = np.memmap(tmp_path / "raw.npy", Y.dtype, "w+", shape=Y.shape)
+    raw[:] = Y
+    np.testing.assert_array_equal(open_source(raw).read(1, 3), Y[1:3])
 
 
 class Counting:
