@@ -37,18 +37,7 @@ class BaselineDecoder(Decoder):
     needs_scene = False
 
     def __call__(self, problem: Problem, scene: SceneModel) -> np.ndarray:
-        """Decode a measurement.
-
-        Returns
-        -------
-        ndarray, (V, B, H, W)
-            Of the operator's dtype, in the problem's units, not clipped.
-
-        Raises
-        ------
-        InputError
-            If there are no weights for so many views and frames, a mask is negative, or the device cannot be used.
-        """
+        """Decode a measurement; the video has the operator's dtype."""
         height, width = problem.op.shape[2:]
         place = usable(self.device)
         network = network_for(self.model, problem, place)

@@ -52,18 +52,7 @@ class OFaNetDecoder(Decoder):
         return self.refine
 
     def __call__(self, problem: Problem, scene: SceneModel) -> np.ndarray:
-        """Decode a measurement.
-
-        Returns
-        -------
-        ndarray, (V, B, H, W)
-            Of the operator's dtype, in the problem's units, not clipped.
-
-        Raises
-        ------
-        InputError
-            If there are no weights for so many views and frames, a mask is negative, or the device cannot be used.
-        """
+        """Decode a measurement; the video has the operator's dtype."""
         op = problem.op
         place = usable(self.device)
         network = network_for(OFaNet.model, problem, place)

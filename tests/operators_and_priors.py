@@ -39,17 +39,21 @@ OPERATORS = {
 }
 
 WEIGHTS = Path(priors.__file__).parent / "weights"
-
-
-def has_weights(name):
-    """Whether the network of a prior can run here."""
-    return find_spec("torch") is not None and (WEIGHTS / f"{name}.safetensors").is_file()
+NETWORKS = {"ffdnet": "ffdnet", "video": "video", "both": "video"}  # names of priors, and the weights they need
 
 
 def learned(*values, name, weights="video"):
-    """A parameter of a test that is skipped where the weights are missing."""
-    missing = pytest.mark.skipif(not has_weights(weights), reason=f"no torch, or no weights of {weights}")
+    """A parameter of a test that is skipped where torch or the weights are missing."""
+    there = find_spec("torch") is not None and (WEIGHTS / f"{weights}.safetensors").is_file()
+    missing = pytest.mark.skipif(not there, reason=f"no torch, or no weights of {weights}")
     return pytest.param(*values, id=name, marks=missing)
+
+
+def by_name(name, *values):
+    """A parameter of a test, the name of a prior and maybe values: skipped where its network cannot run."""
+    if name in NETWORKS:
+        return learned(name, *values, name=name, weights=NETWORKS[name])
+    return pytest.param(name, *values, id=name)
 
 
 CLASSICAL = [  # what is smooth already stays as it is

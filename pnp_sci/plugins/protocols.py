@@ -120,5 +120,16 @@ class Decoder(Protocol):
     needs_scene: bool
 
     def __call__(self, problem: Problem, scene: SceneModel) -> np.ndarray:
-        """The video (V, B, H, W) of a measurement, in the problem's units: it spans about [0, 1]."""
+        """Decode a measurement.
+
+        Returns
+        -------
+        ndarray, (V, B, H, W)
+            The video, in the problem's units: it spans about [0, 1]. It need not be clipped.
+
+        Raises
+        ------
+        InputError
+            If there are no weights for so many views and frames, a mask is negative, or the device cannot be used.
+        """
         ...

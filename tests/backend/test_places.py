@@ -5,7 +5,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from operators_and_priors import has_weights
+from operators_and_priors import by_name
 
 import pnp_sci
 from pnp_sci.plugins.combine import begun
@@ -20,10 +20,8 @@ def stays_on_the_cpu(session):
     return isinstance(session, OnHost)
 
 
-@pytest.mark.parametrize("name", ["tv", "wavelet", "bm3d", "flow", "desci", "ffdnet", "video", "both"])
+@pytest.mark.parametrize("name", map(by_name, ["tv", "wavelet", "bm3d", "flow", "desci", "ffdnet", "video", "both"]))
 def test_the_guide_says_where_a_prior_runs(name):
     rows = dict(ROW.findall(GUIDE.read_text(encoding="utf-8")))
-    if name in ("ffdnet", "video", "both") and not has_weights("video"):
-        pytest.skip("no weights")
     session = begun(pnp_sci.as_prior(name), (1, 3, 32, 32), np.dtype("f4"), "cpu")
     assert stays_on_the_cpu(session) == (rows[name] == "all of it")

@@ -5,7 +5,7 @@ import sys
 
 import numpy as np
 import pytest
-from operators_and_priors import learned
+from operators_and_priors import by_name
 
 import pnp_sci
 from pnp_sci.errors import InputError, InputTypeError
@@ -66,7 +66,7 @@ def test_total_variation_is_the_same(prior):
     np.testing.assert_allclose(theirs.facts()["still"], ours.facts()["still"], atol=1e-6)
 
 
-@pytest.mark.parametrize("prior", ["tv", "tv+wavelet", learned("ffdnet", name="ffdnet", weights="ffdnet")])
+@pytest.mark.parametrize("prior", ["tv", "tv+wavelet", by_name("ffdnet")])
 def test_solves_are_within_a_twentieth_of_a_dB(prior, scene):
     results = [pnp_sci.solve(scene.y, scene.masks, prior, iterations=65, backend=name) for name in ("numba", "torch")]
     numba, torch = (pnp_sci.psnr(result.x, scene.truth).mean() for result in results)
@@ -74,7 +74,7 @@ def test_solves_are_within_a_twentieth_of_a_dB(prior, scene):
     assert [result.settings["backend"] for result in results] == ["numba", "torch"]
 
 
-@pytest.mark.parametrize("prior", ["flow", learned("video", name="video")])
+@pytest.mark.parametrize("prior", ["flow", by_name("video")])
 def test_priors_of_motion_are_not_worse_than_with_numba(prior, scene):
     """Flow and weights are not rounded to integers on tensors, so that results differ in the second digit."""
     how = {"init": "adjoint", "first": 20, "iterations": 30}

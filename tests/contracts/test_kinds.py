@@ -4,7 +4,7 @@ from dataclasses import dataclass, field
 
 import numpy as np
 import pytest
-from operators_and_priors import learned
+from operators_and_priors import by_name, learned
 
 import pnp_sci
 from pnp_sci import as_prior, datasets
@@ -52,9 +52,9 @@ def test_what_is_no_network_says_so_and_starts_from_the_adjoint(prior, case):
 @pytest.mark.parametrize(
     "prior",
     [
-        learned("ffdnet", name="ffdnet", weights="ffdnet"),
-        learned("video", name="video"),
-        learned("both", name="both"),
+        by_name("ffdnet"),
+        by_name("video"),
+        by_name("both"),
         learned("video+tv", name="beside a classical one"),
         learned(FFDNet(), name="an object", weights="ffdnet"),
         learned(Theirs(Traits(network=True)), name="a third party's"),

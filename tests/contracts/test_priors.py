@@ -4,7 +4,7 @@ from itertools import combinations, permutations
 
 import numpy as np
 import pytest
-from operators_and_priors import CLASSICAL, PRIORS, has_weights, learned
+from operators_and_priors import CLASSICAL, PRIORS, by_name, learned
 
 from pnp_sci import denoise
 from pnp_sci.errors import InputError, InputTypeError
@@ -18,7 +18,6 @@ from priors.video import Video
 from priors.wavelet import Wavelet
 
 BY_NAME = {"tv": TV(), "wavelet": Wavelet(), "bm3d": BM3D(first=0), "flow": Flow(first=0)}
-NETWORKS = {"ffdnet": "ffdnet", "video": "video", "both": "video"}  # names of priors, and the weights they need
 
 
 def video(shape=(2, 4, 24, 20), dtype=np.float32):
@@ -43,10 +42,8 @@ def test_priors_keep_their_promises(prior):
     check_prior(prior)
 
 
-@pytest.mark.parametrize("name", available("priors"))
+@pytest.mark.parametrize("name", map(by_name, available("priors")))
 def test_installed_priors_keep_their_promises(name):
-    if name in NETWORKS and not has_weights(NETWORKS[name]):
-        pytest.skip(f"no torch, or no weights of {NETWORKS[name]}")
     check_prior(name, shapes=[(2, 3, 34, 33)])
 
 

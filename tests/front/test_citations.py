@@ -1,9 +1,8 @@
 """The papers behind a result."""
 
-from importlib.util import find_spec
-
 import numpy as np
 import pytest
+from operators_and_priors import by_name
 
 import pnp_sci
 from pnp_sci.datasets import embedded_scene
@@ -13,7 +12,6 @@ from pnp_sci.results.history import History, Status
 from pnp_sci.results.result import Result
 
 NETWORKS = ("ffdnet", "video", "both")
-needs_torch = pytest.mark.skipif(find_spec("torch") is None, reason="needs torch")
 
 
 def papers(prior, **options):
@@ -35,9 +33,9 @@ def named(authors, listed):
         ("desci", ["Rank minimization", "Gu", "Kroeger", "Chambolle"]),
         ("tv+wavelet", ["Chambolle", "Coifman", "Y. Yu"]),
         ([("tv", 1), ("wavelet", 2)], ["Chambolle", "Coifman"]),
-        pytest.param("ffdnet", ["Zhang"], marks=needs_torch),
-        pytest.param("video", ["Zhang", "Tassano"], marks=needs_torch),
-        pytest.param("both", ["Zhang", "Tassano", "Kroeger", "Dabov"], marks=needs_torch),
+        by_name("ffdnet", ["Zhang"]),
+        by_name("video", ["Zhang", "Tassano"]),
+        by_name("both", ["Zhang", "Tassano", "Kroeger", "Dabov"]),
     ],
 )
 def test_priors_name_their_papers_and_those_of_what_they_use(prior, authors):
@@ -59,8 +57,8 @@ def test_the_algorithm_is_named():
     assert not named("Chambolle", papers("none"))
 
 
-@needs_torch
 def test_decoders_name_theirs():
+    pytest.importorskip("torch")
     scene = embedded_scene(32)
     title = "Dual-view snapshot compressive imaging"
     assert named(title, pnp_sci.citations(pnp_sci.decode(scene.y, scene.masks)))

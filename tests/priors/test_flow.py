@@ -1,9 +1,8 @@
 """The flow prior, and the priors with networks that see motion as it does: they help where they can."""
 
-from importlib.util import find_spec
-
 import numpy as np
 import pytest
+from operators_and_priors import learned
 
 import pnp_sci
 from pnp_sci import datasets, denoise
@@ -15,7 +14,7 @@ from priors.motion import measure as motion
 from priors.tv import TV
 from priors.video import Video
 
-KINDS = [Flow, *([Video, Both] if find_spec("torch") else [])]
+KINDS = [Flow, learned(Video, name="Video"), learned(Both, name="Both")]
 CALLS = 6  # of a session: the motion is measured at least twice
 
 
