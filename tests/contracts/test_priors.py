@@ -12,12 +12,13 @@ from pnp_sci.plugins.combine import Joint, Stages
 from pnp_sci.plugins.registry import available
 from pnp_sci.testing import check_prior
 from priors.bm3d import BM3D
+from priors.desci import DeSCI
 from priors.flow import Flow
 from priors.tv import TV
 from priors.video import Video
 from priors.wavelet import Wavelet
 
-BY_NAME = {"tv": TV(), "wavelet": Wavelet(), "bm3d": BM3D(first=0), "flow": Flow(first=0)}
+BY_NAME = {"tv": TV(), "wavelet": Wavelet(), "bm3d": BM3D(first=0), "flow": Flow(first=0), "desci": DeSCI(first=0)}
 
 
 def video(shape=(2, 4, 24, 20), dtype=np.float32):
