@@ -143,7 +143,7 @@ class DeSCI(Prior):
         return Stages(stages)
 
     def traits(self, shape: tuple[int, ...]) -> Traits:
-        """Strong after total variation; estimates change from groups to groups, unless their minimum is exact."""
+        """Strong after total variation; estimates change from groups to groups: averaged, if not `exact`."""
         if not self._has_patches(shape):
             return Traits()
         return Traits(strong=True, warmup=(TV(), self.first), average=not self.exact)

@@ -26,7 +26,7 @@ def replacing(path: Path) -> Iterator[Path]:
     FileNotFoundError
         If the parent folder does not exist.
     FileExistsError
-        If `path` is a folder with files.
+        If `path` is a folder with files, or a file where a result in Zarr shall be.
     PermissionError
         If `path` is read-only.
     """
@@ -91,6 +91,8 @@ def _place(path: Path) -> Path:
         raise FileNotFoundError(f"{path}: there is no folder {(place if path.is_symlink() else path).parent}")
     if place.is_dir() and not is_own_store(place) and (path.suffix or any(place.iterdir())):
         raise FileExistsError(f"{path} is a folder{'' if path.suffix else ' that is not empty'}: remove it first")
+    if place.is_file() and path.suffix.lower() == ".zarr":
+        raise FileExistsError(f"{path} is a file, where a folder was expected: remove it first")
     if place.is_file() and not (place.stat().st_mode & 0o222 and os.access(place, os.W_OK)):
         raise PermissionError(errno.EACCES, "the file is read-only", str(path))
     return place

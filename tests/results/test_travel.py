@@ -16,6 +16,7 @@ import pnp_sci
 from pnp_sci import io
 from pnp_sci.errors import FormatError, InputError
 from pnp_sci.formats.brightness import whites
+from pnp_sci.formats.replacing import check_writable
 from pnp_sci.results.history import History, Status
 from pnp_sci.results.result import Result
 
@@ -113,6 +114,16 @@ def test_a_store_of_others_is_neither_replaced_nor_read(tmp_path, attributes):
         Result.load(tmp_path / "r.zarr")
     with pytest.raises(FileNotFoundError):
         Result.load(tmp_path / "none.zarr")
+
+
+def test_a_file_in_the_place_of_a_store_is_noticed_before_any_work(tmp_path):
+    file = tmp_path / "r.zarr"
+    file.write_text("mine")
+    for write in (check_writable, make().save):
+        with pytest.raises(FileExistsError, match=r"r\.zarr is a file"):
+            write(file)
+    assert file.read_text() == "mine"
+    assert os.listdir(tmp_path) == ["r.zarr"]
 
 
 def test_xarray_has_axes_times_and_the_record():
