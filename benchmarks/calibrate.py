@@ -61,8 +61,8 @@ SERVES = {
     "priors.both": (("both",), "moving noise"),
     "ofanet_init.prepared": (("decode:ofanet-fast",), "moving noise"),
 }
-ALSO = {"pnp_sci.solvers.schedule.sigma": "moving"}
-ONLY = {"priors.tv.warmup": STRONG, "pnp_sci.solvers.effort.plain": ("tv",)}
+ALSO = {"pnp_sci.solvers.schedule.sigma": "moving", "pnp_sci.solvers.schedule.settled": "moving"}
+ONLY = {"priors.tv.warmup": STRONG, "pnp_sci.solvers.schedule.settled": STRONG, "pnp_sci.solvers.effort.plain": ("tv",)}
 EFFORT = {"pnp_sci.solvers.effort.fast": "fast", "pnp_sci.solvers.effort.best": "best"}
 OFF = json.loads((Path(__file__).parent / "calibrate_off.json").read_text())  # values that switch a number off
 

@@ -105,7 +105,8 @@ def in_time(
         calls = plan.iterations - strong.begins
         calls = calls if calls > 0 else plan.iterations  # as many as the strong prior had, or all of a short run
         serves = (replace(strong, begins=0, below=float("inf")),)
-        plan = replace(plan, serves=serves, iterations=calls, least=0)
+        schedule = plan.schedule.settling(0, calls - 1) if traits.strong else plan.schedule
+        plan = replace(plan, serves=serves, schedule=schedule, iterations=calls, least=0)
     left = deadline - time.perf_counter()
     return replace(plan, paces=tuple(pace(turn.prior, op, y, left, backend) for turn in plan.serves))
 

@@ -96,7 +96,7 @@ class Plan:
                 for place, turn in enumerate(self.serves)
                 if place in calls
             ],
-            "sigma": [self.schedule.first, sigma],
+            "sigma": [self.schedule.sigma, sigma],
             "rho": float(np.mean(rho)),
             "iterations": self.iterations,
             "tol": self.tol,
@@ -132,6 +132,8 @@ def make_plan(
         iterations = prior.calls if isinstance(prior, Stages) else None
     if iterations is None:
         iterations = iterations_for(effort, prior, op.parts[0].shape, schedule)
+    if prior.traits(op.shape).strong:
+        schedule = schedule.settling(order[-1].begins, iterations - 1)
     return Plan(algorithm, order, schedule, iterations, tol * contrast(op), order[-1].begins, deadline)
 
 

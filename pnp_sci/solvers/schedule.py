@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -20,9 +20,9 @@ class ScheduleNumbers(Tuned):
     sigma: float = 0.05  # sigma without noise
     balance: float = 0.6  # sigma * rho per variance of the noise, for faint noise or USUAL frames of all views
     loud: float = 0.03  # noise in a pixel of x at which fewer frames have half of their larger balance
-    softest: float = 0.15  # largest rho at the beginning, in units of the mean gram
-    fall: int = 40  # iterations in which sigma falls that noise has raised
+    softest: float = 0.15  # largest rho in units of the mean gram, if sigma were to follow the noise
     more: int = 60  # calls of a strong prior that weak noise leaves of use, beyond those of the fast effort
+    settled: float = 0.7  # sigma in the last call of a strong prior without noise, in units of its first
 
 
 TUNED = ScheduleNumbers()
@@ -51,13 +51,19 @@ class Schedule:
     ----------
     product : float or ndarray, (H, W)
         sigma * rho; 0 without noise.
-    first, last : float
-        sigma at the beginning and after 40 iterations, in units where x spans [0, 1].
+    sigma : float
+        At the beginning, in units where x spans [0, 1].
+    settled : float
+        Factor that sigma falls to while a strong prior serves.
+    begins, ends : int
+        Iterations in which that fall begins and ends, counted from 0; sigma stays as it is unless begins < ends.
     """
 
     product: float | np.ndarray
-    first: float
-    last: float
+    sigma: float
+    settled: float = 1.0
+    begins: int = 0
+    ends: int = 0
 
     def enough(self, fast: int, most: int) -> int:
         """How many of `most` calls of a strong prior are of use: all without noise, those of a `fast` effort with much.
@@ -66,16 +72,22 @@ class Schedule:
         """
         if not np.any(self.product):
             return most
-        return min(most, round(fast + TUNED.more * (TUNED.sigma / max(self.last, TUNED.sigma)) ** 4))
+        return min(most, round(fast + TUNED.more * (TUNED.sigma / max(self.sigma, TUNED.sigma)) ** 4))
+
+    def settling(self, begins: int, ends: int) -> Schedule:
+        """The schedule for a strong prior that serves from iteration `begins` to `ends`, counted from 0."""
+        return replace(self, begins=begins, ends=ends)
 
     @property
     def falls(self) -> int:
         """Iterations until sigma has reached its last value."""
-        return TUNED.fall if self.first != self.last else 0
+        return self.ends if self.settled != 1 else 0
 
     def at(self, iteration: int) -> tuple[float, float | np.ndarray]:
         """sigma and rho of an iteration, counted from 0."""
-        sigma = self.first * (self.last / self.first) ** min(iteration / TUNED.fall, 1) if self.first > 0 else 0.0
+        sigma = self.sigma
+        if self.begins < min(iteration, self.ends):
+            sigma *= self.settled ** min((iteration - self.begins) / (self.ends - self.begins), 1)
         return sigma, self.product / sigma if sigma > 0 else 0.0
 
 
@@ -87,22 +99,25 @@ def schedule_for(op: SensingOperator, noise: float | np.ndarray, sigma: float | 
     it is mostly texture then, and for 20 frames of all views or more; up to 6.3 for one frame. It is smaller for strong
     noise, since the best weight of total variation then grows like the noise and not like its square.
 
-    Without noise sigma is 0.05. With noise sigma begins where rho is 0.15 of the mean gram, if that is larger. It falls
-    within 40 iterations to the geometric mean of both, so that motion and detail become visible. Where pixels differ in
-    noise, each has its own rho, and the mean product decides on sigma.
+    Without noise sigma is 0.05. With noise it is the geometric mean of that and of the sigma at which rho is 0.15 of
+    the mean gram, if that is larger: a larger one would hide motion and detail, and a smaller one slow the data down.
+    Where pixels differ in noise, each has its own rho, and the mean product decides on sigma.
+
+    Without noise the limit of a strong prior, which minimises nothing, depends on sigma: the smaller, the more detail
+    remains, but errors too where sigma falls before they are removed. So sigma falls while the prior serves, to 0.7 of
+    what it was; with noise it falls less. A given sigma does not fall.
     """
     gram, frames = float(np.mean(op.gram)), op.parts[0].shape[0] * op.parts[0].shape[1]
-    product = _product(noise, gram, frames) if gram > 0 else 0.0
+    loud = noise**2 / (noise**2 + gram * TUNED.loud**2) if gram > 0 else 0.0
+    product = _product(noise, gram, frames, loud) if gram > 0 else 0.0
     mean = float(np.mean(product))
     if sigma is not None:
-        return Schedule(product, sigma, sigma)
-    first = max(TUNED.sigma, mean / (TUNED.softest * gram)) if mean > 0 else TUNED.sigma
-    return Schedule(product, first, float(np.sqrt(first * TUNED.sigma)))
+        return Schedule(product, sigma)
+    soft = max(TUNED.sigma, mean / (TUNED.softest * gram)) if mean > 0 else TUNED.sigma
+    return Schedule(product, float(np.sqrt(soft * TUNED.sigma)), TUNED.settled ** float(np.mean(1 - loud)))
 
 
-def _product(noise: float | np.ndarray, gram: float, frames: int) -> float | np.ndarray:
-    """sigma * rho, see :func:`schedule_for`."""
-    in_x = noise / np.sqrt(gram)
-    loud = in_x**2 / (in_x**2 + TUNED.loud**2)
+def _product(noise: float | np.ndarray, gram: float, frames: int, loud: float | np.ndarray) -> float | np.ndarray:
+    """sigma * rho, see :func:`schedule_for`; loud: from 0 to 1."""
     balance = TUNED.balance * (1 + max((1 + USUAL) / (1 + frames) - 1, 0) * loud)
-    return balance * noise**2 / (1 + in_x)
+    return balance * noise**2 / (1 + noise / np.sqrt(gram))

@@ -30,15 +30,15 @@ class Other(Prior):
 @given(noisy=st.floats(0.05, 1), noisier=st.floats(1, 3), fast=st.integers(1, 30), most=st.integers(1, 300))
 def test_noise_leaves_fewer_calls_of_use(noisy, noisier, fast, most):
     """But not fewer than the fast effort makes."""
-    less, more = (Schedule(0.1, 1, sigma).enough(fast, most) for sigma in (noisy, noisy * noisier))
+    less, more = (Schedule(0.1, sigma).enough(fast, most) for sigma in (noisy, noisy * noisier))
     assert min(most, fast) <= more <= less <= most
-    assert Schedule(0.1, 1, 1e3).enough(fast, most) == min(most, fast)
+    assert Schedule(0.1, 1e3).enough(fast, most) == min(most, fast)
 
 
 @pytest.mark.parametrize("sigma", [0, 0.05, 0.1])
 def test_without_noise_all_calls_are_of_use(sigma):
     """Whatever the sigma: a given one is no noise."""
-    assert Schedule(0, sigma, sigma).enough(20, 300) == 300
+    assert Schedule(0, sigma).enough(20, 300) == 300
 
 
 def planned(noise, strong, iterations=None):

@@ -40,7 +40,7 @@ def test_noise_counts_the_more_the_fewer_frames_there_are():
     np.testing.assert_allclose([*faint, loud[-1]], faint[0], rtol=1e-3)
 
 
-def test_without_noise_the_data_are_met_and_sigma_stays_as_it_is():
+def test_without_noise_the_data_are_met_and_sigma_is_the_same_for_all_sizes():
     quiet = [schedule_for(planes_of(*size), 0) for size in ((2, 3), (1, 8), (2, 6), (2, 10), (2, 14))]
     assert len({schedule.at(iteration) for schedule in quiet for iteration in (0, 1, 30, 500)}) == 1
     sigma, rho = quiet[0].at(0)
@@ -49,18 +49,37 @@ def test_without_noise_the_data_are_met_and_sigma_stays_as_it_is():
 
 
 @pytest.mark.parametrize("size", [(1, 8), (2, 20)])
-def test_noise_raises_sigma_at_first_the_more(size):
-    op = planes_of(*size)
-    quiet, loud = schedule_for(op, 0), schedule_for(op, 2.0)
-    assert quiet.first < loud.last < loud.first
-    sigmas = [loud.at(iteration)[0] for iteration in range(100)]
-    assert sigmas == sorted(sigmas, reverse=True)
-    assert (sigmas[0], sigmas[-1]) == (loud.first, pytest.approx(loud.last))
-    assert all(sigma * rho == pytest.approx(loud.product) for sigma, rho in map(loud.at, range(100)))
+def test_more_noise_is_a_larger_sigma_and_the_product_stays(size):
+    schedules = [schedule_for(planes_of(*size), noise).settling(5, 20) for noise in (0.0, 0.5, 1.0, 2.0, 4.0)]
+    sigmas = [schedule.at(0)[0] for schedule in schedules]
+    assert sigmas == sorted(sigmas)
+    assert sigmas[-1] > 2 * sigmas[0]
+    for schedule in schedules:
+        assert all(sigma * rho == pytest.approx(schedule.product) for sigma, rho in map(schedule.at, range(30)))
+
+
+def test_sigma_falls_while_a_strong_prior_serves_and_less_with_noise():
+    left = []
+    for noise in (0.0, 0.1, 1.0, 10.0):
+        schedule = schedule_for(planes_of(2, 10), noise).settling(5, 20)
+        sigmas = [schedule.at(iteration)[0] for iteration in range(30)]
+        assert len(set(sigmas[:6])) == len(set(sigmas[20:])) == 1
+        assert sigmas == sorted(sigmas, reverse=True)
+        assert schedule.falls == 20
+        left.append(sigmas[-1] / sigmas[0])
+    assert left == sorted(left)
+    assert left[0] < 0.8
+    assert left[-1] == pytest.approx(1, abs=1e-3)
+
+
+@pytest.mark.parametrize("ends", [0, 5])
+def test_one_call_of_a_strong_prior_has_the_first_sigma(ends):
+    schedule = schedule_for(planes_of(1, 8), 0).settling(5, ends)
+    assert len({schedule.at(iteration)[0] for iteration in range(9)}) == 1
 
 
 def test_a_given_sigma_stays_as_it_is():
-    schedule = schedule_for(planes_of(1, 8), 0.3, sigma=0.1)
+    schedule = schedule_for(planes_of(1, 8), 0.3, sigma=0.1).settling(0, 20)
     assert {schedule.at(iteration)[0] for iteration in (0, 1, 50)} == {0.1}
     assert schedule.product == schedule_for(planes_of(1, 8), 0.3).product
 
@@ -68,7 +87,7 @@ def test_a_given_sigma_stays_as_it_is():
 def test_without_noise_tv_takes_changes_along_time_for_motion():
     """Its weights along time come to follow the scene, and no longer are one for all pixels."""
     scene = pnp_sci.datasets.embedded_scene(64)
-    sigma = schedule_for(planes_of(2, 20), 0).first
+    sigma = schedule_for(planes_of(2, 20), 0).sigma
     session = TV().begin(scene.truth.shape, scene.truth.dtype)
     for _ in range(45):
         session(scene.truth, sigma)
