@@ -91,10 +91,10 @@ def reconstruct(
     plan = make_plan(
         reduced, joint.noise, request.prior,
         algorithm=request.algorithm, effort=request.counted,
-        iterations=request.iterations, sigma=request.sigma, tol=request.tol, deadline=deadline,
+        iterations=request.iterations, sigma=request.sigma, tol=request.tol, decoded=decoded, deadline=deadline,
     )  # fmt: skip
     backend = request.backend
-    plan = in_time(plan, reduced, joint.y, traits, decoded, backend)
+    plan = in_time(plan, reduced, joint.y, backend)
     watch.expect(plan.iterations)
 
     def kept(x: np.ndarray) -> list[np.ndarray]:

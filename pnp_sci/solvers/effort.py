@@ -1,4 +1,4 @@
-"""How many iterations an effort makes."""
+"""How many calls of a prior an effort makes."""
 
 from __future__ import annotations
 
@@ -25,12 +25,13 @@ TUNED = EffortNumbers()
 EFFORTS = {"fast": 0.5, "balanced": 1, "best": 2}  # iterations of a plain prior, in those of the balanced effort
 
 
-def iterations_for(effort: str, prior: Prior, shape: Sequence[int], schedule: Schedule) -> int:
-    """How many iterations an effort allows for videos of this shape; noise takes some of those of a strong prior."""
-    traits = prior.traits(tuple(shape))
-    if not traits.strong:
+def calls_for(effort: str, prior: Prior, shape: Sequence[int], schedule: Schedule) -> int:
+    """How many calls of a prior an effort allows for videos of this shape, its warm-up not included.
+
+    Noise takes some of those of a strong prior.
+    """
+    if not prior.traits(tuple(shape)).strong:
         return round(EFFORTS[effort] * TUNED.plain)
     frames = shape[0] * shape[1]
     balanced = min(max(round(TUNED.per_frame * frames), TUNED.balanced), TUNED.best)
-    calls = {"fast": TUNED.fast, "balanced": balanced, "best": TUNED.best}[effort]
-    return (traits.warmup[1] if traits.warmup else 0) + schedule.enough(TUNED.fast, calls)
+    return schedule.enough(TUNED.fast, {"fast": TUNED.fast, "balanced": balanced, "best": TUNED.best}[effort])

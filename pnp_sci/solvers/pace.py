@@ -13,7 +13,7 @@ import numpy as np
 from pnp_sci.accel.arrays import length
 from pnp_sci.plugins.combine import FunctionPrior, Joint, begun
 from pnp_sci.plugins.mosaic import Mosaicked
-from pnp_sci.plugins.protocols import Prior, Traits
+from pnp_sci.plugins.protocols import Prior
 from pnp_sci.plugins.torch_module import TorchPrior
 from pnp_sci.sensing.operator import SensingOperator
 from pnp_sci.sensing.problem import level
@@ -89,25 +89,11 @@ def _learn(key: Hashable, seen: Pace) -> None:
     _known[key] = Pace(*map(min, astuple(before), astuple(seen)))
 
 
-def in_time(
-    plan: Plan, op: SensingOperator, y: np.ndarray, traits: Traits, decoded: bool, backend: Backend = NUMBA
-) -> Plan:
-    """The plan with the pace of its priors; if it has a deadline, without a warm-up after a decoder (`decoded`).
-
-    Total variation undoes a part of a decoder's estimate, which takes several calls of a strong prior to make good.
-    From another first estimate the warm-up brings more for its time than what follows.
-    """
-    deadline = plan.deadline
-    if deadline is None:
-        return replace(plan, holds=decoded and traits.warmup is not None)
-    if decoded and traits.warmup:
-        strong = plan.serves[-1]
-        calls = plan.iterations - strong.begins
-        calls = calls if calls > 0 else plan.iterations  # as many as the strong prior had, or all of a short run
-        serves = (replace(strong, begins=0, below=float("inf")),)
-        schedule = plan.schedule.settling(0, calls - 1) if traits.strong else plan.schedule
-        plan = replace(plan, serves=serves, schedule=schedule, iterations=calls, least=0)
-    left = deadline - time.perf_counter()
+def in_time(plan: Plan, op: SensingOperator, y: np.ndarray, backend: Backend = NUMBA) -> Plan:
+    """The plan with the pace of its priors, if it has a deadline."""
+    if plan.deadline is None:
+        return plan
+    left = plan.deadline - time.perf_counter()
     return replace(plan, paces=tuple(pace(turn.prior, op, y, left, backend) for turn in plan.serves))
 
 

@@ -11,7 +11,7 @@ from pnp_sci.plugins.combine import Joint, Stages, Turn, serving, turns
 from pnp_sci.plugins.mosaic import Mosaicked
 from pnp_sci.plugins.protocols import Prior
 from pnp_sci.sensing.operator import SensingOperator
-from pnp_sci.solvers.effort import iterations_for
+from pnp_sci.solvers.effort import calls_for
 from pnp_sci.solvers.schedule import Schedule, contrast, schedule_for
 
 
@@ -57,8 +57,6 @@ class Plan:
         The moment of ``time.perf_counter`` by which the solver returns.
     paces : tuple of Pace
         How long iterations with each of `serves` take, if there is a deadline.
-    holds : bool
-        Whether the first estimate is the one to return until the last prior serves.
     """
 
     algorithm: str
@@ -69,7 +67,6 @@ class Plan:
     least: int = 0
     deadline: float | None = None
     paces: tuple[Pace, ...] = ()
-    holds: bool = False
 
     def place(self, call: int) -> int:
         """The place in `serves` of the turn that serves a call, counted from 0."""
@@ -79,10 +76,6 @@ class Plan:
         """Whether the estimate of this iteration, counted from 1, is averaged with those before."""
         call = iteration - 1
         return call >= 0 and self.serves[self.place(call)].average
-
-    def held(self, iteration: int) -> bool:
-        """Whether the first estimate is still the one to return after this iteration, counted from 1."""
-        return self.holds and iteration > 0 and self.place(iteration - 1) < len(self.serves) - 1
 
     def describe(self) -> dict[str, Any]:
         """For `Result.settings`, as JSON can hold it: what the planned iterations do."""
@@ -113,9 +106,12 @@ def make_plan(
     iterations: int | None = None,
     sigma: float | None = None,
     tol: float = 8e-5,
+    decoded: bool = False,
     deadline: float | None = None,
 ) -> Plan:
     """The plan for a measurement with this operator and noise, in units where x spans [0, 1].
+
+    A decoder's estimate needs no warm-up: total variation would undo a part of it.
 
     Parameters
     ----------
@@ -125,13 +121,15 @@ def make_plan(
     prior : Prior
     algorithm, effort, iterations, sigma, tol
         As for :func:`pnp_sci.solve`.
+    decoded : bool
+        Whether the first estimate is a decoder's.
     deadline : float, optional
     """
-    order, schedule = turns(prior, op.shape), schedule_for(op, noise, sigma)
+    order, schedule = turns(prior, op.shape, warm=not decoded), schedule_for(op, noise, sigma)
     if iterations is None:
         iterations = prior.calls if isinstance(prior, Stages) else None
     if iterations is None:
-        iterations = iterations_for(effort, prior, op.parts[0].shape, schedule)
+        iterations = order[-1].begins + calls_for(effort, prior, op.parts[0].shape, schedule)
     if prior.traits(op.shape).strong:
         schedule = schedule.settling(order[-1].begins, iterations - 1)
     return Plan(algorithm, order, schedule, iterations, tol * contrast(op), order[-1].begins, deadline)

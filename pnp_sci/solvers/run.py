@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 import time
 from collections.abc import Callable, Iterator
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 from pnp_sci.results.history import Record, Status
 from pnp_sci.solvers.averaging import RunningMean
@@ -41,8 +41,7 @@ def run(
     """Take states until the plan ends them, the observer asks to stop, or the guard sees a failure.
 
     Where the plan says so, what is observed and returned is a running mean of the iterates; the solver goes on from the
-    iterates themselves, and failure and convergence are tested on them. A plan may hold the first estimate until its
-    last prior serves. `finish` makes of the last estimate the one
+    iterates themselves, and failure and convergence are tested on them. `finish` makes of the last estimate the one
     that is returned. After a failure the last estimate with the smallest residual is returned, residuals below the
     `noise` of y counting as equal, and the records end with it. Time spent in `score` and `observe` is not counted.
 
@@ -58,7 +57,6 @@ def run(
         Stopping(plan, norm),
         RunningMean(),
     )
-    first: State | None = None
     records: list[Record] = []
 
     def record_of(state: State, seconds: float) -> Record:
@@ -71,10 +69,7 @@ def run(
             return state, failure, [record_of(state, clock.seconds())]
         if failure:
             return _before_failure(guard.best, failure, records)  # type: ignore[arg-type]
-        first = first or state
         estimate = mean(state, plan.averages(state.iteration))
-        if plan.held(state.iteration):
-            estimate = replace(state, x=first.x, residual=first.residual)
         now, seconds = time.perf_counter(), clock.seconds()
         records.append(record_of(estimate, seconds))
         guard.keep(estimate, records[-1].residual)
