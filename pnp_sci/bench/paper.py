@@ -31,7 +31,7 @@ OURS = (
     Method(None, init="admm-net"),
     Method(None, init="birnat"),
 )
-BASELINES = tuple(method for method in OURS if method.init in ("unet", "admm-net", "birnat"))  # weights for 2 x 10 only
+OF_ANY_SIZE = tuple(method for method in OURS if method.init not in ("unet", "admm-net", "birnat"))
 OFANET = tuple(method for method in OURS if method.init.startswith("ofanet"))
 WITH_NOISE = tuple(method for method in OURS if method.prior != "tv+ffdnet")
 STARTS = ("adjoint", *(method.init for method in OFANET))
@@ -64,9 +64,8 @@ def plan() -> list[tuple[Case, Method]]:
     """All cases and methods of the tables, for the available scenes."""
     pairs, singles = (list(filter(_is_at_hand, names)) for names in (DUAL_VIEW_PAIRS, ONE_VIEW))
     cases = [(Case(pair), method) for method in dict.fromkeys((*OURS, *WARM)) for pair in pairs]
-    of_any_size = [method for method in OURS if method not in BASELINES]
-    cases += [(Case(name), method) for method in of_any_size for name in singles]
-    cases += [(Case(pair, frames=6), method) for method in of_any_size for pair in pairs]
+    cases += [(Case(name), method) for method in OURS for name in singles]
+    cases += [(Case(pair, frames=6), method) for method in OF_ANY_SIZE for pair in pairs]
     return cases + [(Case(pair, noise=noise), method) for noise in NOISES for method in WITH_NOISE for pair in pairs]
 
 
