@@ -72,6 +72,14 @@ def test_sigma_falls_while_a_strong_prior_serves_and_less_with_noise():
     assert left[-1] == pytest.approx(1, abs=1e-3)
 
 
+@pytest.mark.parametrize(("value", "dtype"), [(1e-161, np.float64), (1e-22, np.float32)])
+def test_masks_near_the_smallest_number_leave_sigma_finite(value, dtype):
+    op = SensingOperator(np.full((1, 2, 4, 4), value, dtype))
+    for noise in (0.0, np.zeros((4, 4), dtype)):
+        schedule = schedule_for(op, noise).settling(0, 9)
+        assert all(np.isfinite(rho).all() and 0 < sigma < 1 for sigma, rho in map(schedule.at, range(10)))
+
+
 @pytest.mark.parametrize("ends", [0, 5])
 def test_one_call_of_a_strong_prior_has_the_first_sigma(ends):
     schedule = schedule_for(planes_of(1, 8), 0).settling(5, ends)
