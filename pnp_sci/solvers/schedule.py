@@ -78,11 +78,6 @@ class Schedule:
         """The schedule for a strong prior that serves from iteration `begins` to `ends`, counted from 0."""
         return replace(self, begins=begins, ends=ends)
 
-    @property
-    def falls(self) -> int:
-        """Iterations until sigma has reached its last value."""
-        return self.ends if self.settled != 1 else 0
-
     def at(self, iteration: int) -> tuple[float, float | np.ndarray]:
         """sigma and rho of an iteration, counted from 0."""
         sigma = self.sigma
