@@ -102,6 +102,15 @@ def test_sigma_falls_in_the_calls_of_a_strong_prior_only():
     assert given.describe()["sigma"] == [0.1, 0.1]
 
 
+def test_after_a_decoder_the_first_stage_has_no_warm_up_and_sigma_is_one_number():
+    stages = Stages([(Flow(first=9), 15), (Flow(), 5)])
+    cold, warm = (make_plan(operator(side=32), 0.0, stages, decoded=decoded) for decoded in (False, True))
+    assert [turn.begins for turn in cold.serves] == [0, 9, 15]
+    assert [turn.begins for turn in warm.serves] == [0, 15]
+    assert cold.iterations == warm.iterations == 20
+    assert len({plan.schedule.at(call)[0] for plan in (cold, warm) for call in range(20)}) == 1
+
+
 @pytest.mark.parametrize("limit", [0.95, 1.05])
 @pytest.mark.parametrize("noise", [0.0, 1.0])
 def test_the_solver_keeps_to_the_plan(scene, noise, limit):
