@@ -42,7 +42,7 @@ class Flow(Prior):
     """Each frame of a view averaged with its neighbours along their motion, on top of total variation.
 
     Total variation serves the first 60 calls, and goes on while sigma is above 0.35. After a decoder's estimate, or
-    with `first` 0, there is no such warm-up. In every fourth call after it the optical flow is estimated from each frame
+    with `first` 0, there is no such warm-up. In every fourth call after it optical flow is estimated from each frame
     directly to its neighbours; chains of flows would drift. In each pixel the flow is replaced by a steady motion if
     frames match better along that, or by the flow of its surroundings if they match about as well. A neighbour weighs
     little where forward and backward flow do not cancel, or where the warped neighbour differs from the frame. Pixels
