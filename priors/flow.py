@@ -41,11 +41,12 @@ TUNED = FlowNumbers()
 class Flow(Prior):
     """Each frame of a view averaged with its neighbours along their motion, on top of total variation.
 
-    Total variation serves the first 60 calls, and all calls with a sigma above 0.35. In every fourth call after that
-    the optical flow is estimated from each frame directly to its neighbours; chains of flows would drift. In each pixel
-    the flow is replaced by a steady motion if frames match better along that, or by the flow of its surroundings if
-    they match about as well. A neighbour weighs little where forward and backward flow do not cancel, or where the
-    warped neighbour differs from the frame. Pixels that stand still are averaged over all frames.
+    Total variation serves the first 60 calls, and goes on while sigma is above 0.35. After a decoder's estimate, or
+    with `first` 0, there is no such warm-up. In every fourth call after it optical flow is estimated from each frame
+    directly to its neighbours; chains of flows would drift. In each pixel the flow is replaced by a steady motion if
+    frames match better along that, or by the flow of its surroundings if they match about as well. A neighbour weighs
+    little where forward and backward flow do not cancel, or where the warped neighbour differs from the frame. Pixels
+    that stand still are averaged over all frames.
 
     Each call denoises the frames by a light total variation, and averages each with its warped neighbours by these
     weights. :class:`priors.bm3d.BM3D` filters the result; it is told 1.6 times the noise that the average leaves in

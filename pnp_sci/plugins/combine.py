@@ -165,7 +165,8 @@ class Turn:
 class Stages(Prior):
     """One prior after the other: each serves its number of calls, the last one all that follow.
 
-    The warm-up of the first prior is part of its calls; a later one finds the scene estimated and needs none.
+    The warm-up of the first prior is part of its calls; a later one finds the scene estimated and needs none. Neither
+    does the first one after a decoder. sigma is one number for all stages.
 
     Parameters
     ----------

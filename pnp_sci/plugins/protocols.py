@@ -24,9 +24,9 @@ class Traits:
     network : bool
         The solver may start from a decoder's estimate, and PyTorch is needed.
     warmup : (Prior, int), optional
-        The prior that serves the first iterations in its place, and how many.
+        The prior that serves the first iterations in its place, and how many; none after a decoder's estimate.
     serves_below : float
-        Standard deviation above which the warm-up prior goes on serving, in units where x spans [0, 1].
+        Standard deviation above which the warm-up prior, if it has served, goes on, in units where x spans [0, 1].
     average : bool
         The estimates fluctuate from call to call: the solver returns their mean.
     """

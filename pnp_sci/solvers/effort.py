@@ -12,17 +12,17 @@ from pnp_sci.solvers.schedule import Schedule
 
 @dataclass(frozen=True)
 class EffortNumbers(Tuned):
-    """Iterations of an effort."""
+    """Calls of an effort, after a warm-up."""
 
-    plain: int = 100  # iterations of a plain prior, balanced; half as many fast, twice as many for the best
-    fast: int = 20  # calls of a strong prior after its warm-up
+    plain: int = 100  # calls of a plain prior, balanced; half as many fast, twice as many for the best
+    fast: int = 20  # calls of a strong prior
     balanced: int = 30
     per_frame: float = 1.5  # ... for each frame of all views, where that is more, but not more than the best effort
     best: int = 50
 
 
 TUNED = EffortNumbers()
-EFFORTS = {"fast": 0.5, "balanced": 1, "best": 2}  # iterations of a plain prior, in those of the balanced effort
+EFFORTS = {"fast": 0.5, "balanced": 1, "best": 2}  # calls of a plain prior, in those of the balanced effort
 
 
 def calls_for(effort: str, prior: Prior, shape: Sequence[int], schedule: Schedule) -> int:

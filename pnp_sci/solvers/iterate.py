@@ -48,7 +48,8 @@ def iterate(
     noise : float or ndarray, like y
         Standard deviation of the noise of y, or of each of its pixels; sets how far the data are trusted.
     sigma : float, optional
-        What the prior is called with; by default a rule decides, see :mod:`pnp_sci.solvers.schedule`.
+        What the prior is called with; by default a rule decides, see :mod:`pnp_sci.solvers.schedule`. It does not fall
+        here, as there is no last iteration.
     saturated : ndarray of bool, like y, optional
         Pixels in which Phi x may be y or more.
 

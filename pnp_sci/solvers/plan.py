@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from bisect import bisect_left
 from dataclasses import dataclass
 from typing import Any
 
@@ -79,15 +80,16 @@ class Plan:
 
     def describe(self) -> dict[str, Any]:
         """For `Result.settings`, as JSON can hold it: what the planned iterations do."""
-        settled = max(self.serves[-1].begins, self.schedule.falls) + 1  # calls after which nothing changes
-        calls = [self.place(call) for call in range(min(self.iterations, settled))]
+        calls = range(self.iterations)
+        # no turn comes back, as sigma never rises
+        first = [bisect_left(calls, place, key=self.place) for place in range(len(self.serves))]
         sigma, rho = self.schedule.at(self.iterations - 1)
         return {
             "algorithm": self.algorithm,
             "serves": [
-                {"name": _name(turn.prior), "prior": repr(turn.prior), "from": calls.index(place)}
-                for place, turn in enumerate(self.serves)
-                if place in calls
+                {"name": _name(turn.prior), "prior": repr(turn.prior), "from": begins}
+                for turn, begins, ends in zip(self.serves, first, [*first[1:], self.iterations])
+                if begins < ends
             ],
             "sigma": [self.schedule.sigma, sigma],
             "rho": float(np.mean(rho)),

@@ -78,11 +78,6 @@ class Schedule:
         """The schedule for a strong prior that serves from iteration `begins` to `ends`, counted from 0."""
         return replace(self, begins=begins, ends=ends)
 
-    @property
-    def falls(self) -> int:
-        """Iterations until sigma has reached its last value."""
-        return self.ends if self.settled != 1 else 0
-
     def at(self, iteration: int) -> tuple[float, float | np.ndarray]:
         """sigma and rho of an iteration, counted from 0."""
         sigma = self.sigma
@@ -108,16 +103,12 @@ def schedule_for(op: SensingOperator, noise: float | np.ndarray, sigma: float | 
     what it was; with noise it falls less. A given sigma does not fall.
     """
     gram, frames = float(np.mean(op.gram)), op.parts[0].shape[0] * op.parts[0].shape[1]
-    loud = noise**2 / (noise**2 + gram * TUNED.loud**2) if gram > 0 else 0.0
-    product = _product(noise, gram, frames, loud) if gram > 0 else 0.0
+    in_x = noise / np.sqrt(gram) if gram > 0 else 0.0
+    loud = in_x**2 / (in_x**2 + TUNED.loud**2)
+    balance = TUNED.balance * (1 + max((1 + USUAL) / (1 + frames) - 1, 0) * loud)
+    product = balance * noise**2 / (1 + in_x) if gram > 0 else 0.0
     mean = float(np.mean(product))
     if sigma is not None:
         return Schedule(product, sigma)
     soft = max(TUNED.sigma, mean / (TUNED.softest * gram)) if mean > 0 else TUNED.sigma
     return Schedule(product, float(np.sqrt(soft * TUNED.sigma)), TUNED.settled ** float(np.mean(1 - loud)))
-
-
-def _product(noise: float | np.ndarray, gram: float, frames: int, loud: float | np.ndarray) -> float | np.ndarray:
-    """sigma * rho, see :func:`schedule_for`; loud: from 0 to 1."""
-    balance = TUNED.balance * (1 + max((1 + USUAL) / (1 + frames) - 1, 0) * loud)
-    return balance * noise**2 / (1 + noise / np.sqrt(gram))

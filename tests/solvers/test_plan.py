@@ -43,6 +43,14 @@ def test_more_effort_is_more_iterations_and_strong_priors_need_fewer(warmup):
     assert fewer[0] > (warmup[1] if warmup else 0)
 
 
+@pytest.mark.parametrize("strong", [False, True])
+def test_a_prior_has_the_calls_of_an_effort_after_its_warm_up(strong):
+    warmed, alone = (Made(known=Traits(strong=strong, warmup=warmup)) for warmup in ((Made(), 12), None))
+    for effort in ("fast", "balanced", "best"):
+        assert iterations(effort, warmed) == 12 + iterations(effort, alone)
+        assert iterations(effort, warmed, decoded=True) == iterations(effort, alone)
+
+
 def test_a_joint_prior_is_strong_where_a_member_is():
     strong = Made(known=Traits(strong=True))
     for effort in ("fast", "balanced", "best"):
@@ -92,6 +100,15 @@ def test_sigma_falls_in_the_calls_of_a_strong_prior_only():
     assert falling == sorted(falling, reverse=True)
     given = make_plan(op, 0.0, strong, iterations=10, sigma=0.1)
     assert given.describe()["sigma"] == [0.1, 0.1]
+
+
+def test_after_a_decoder_the_first_stage_has_no_warm_up_and_sigma_is_one_number():
+    stages = Stages([(Flow(first=9), 15), (Flow(), 5)])
+    cold, warm = (make_plan(operator(side=32), 0.0, stages, decoded=decoded) for decoded in (False, True))
+    assert [turn.begins for turn in cold.serves] == [0, 9, 15]
+    assert [turn.begins for turn in warm.serves] == [0, 15]
+    assert cold.iterations == warm.iterations == 20
+    assert len({plan.schedule.at(call)[0] for plan in (cold, warm) for call in range(20)}) == 1
 
 
 @pytest.mark.parametrize("limit", [0.95, 1.05])
@@ -144,6 +161,25 @@ def test_a_plan_describes_itself_in_json(noise, prior):
     assert told["sigma"] == [plan.schedule.at(0)[0], pytest.approx(plan.schedule.at(10**6)[0])]
     assert (told["rho"] > 0) == (np.max(noise) > 0)
     assert [turn["from"] for turn in told["serves"]] == [turn.begins for turn in plan.serves]
+
+
+def test_a_plan_of_very_many_iterations_is_described_at_once():
+    """As for a run that a time budget or a callback ends."""
+    told = make_plan(operator(side=32), 0.0, Flow(first=9), iterations=10**12).describe()
+    assert [turn["from"] for turn in told["serves"]] == [0, 9]
+
+
+def test_a_plan_says_when_sigma_is_low_enough_for_a_prior():
+    falling = make_plan(operator(), 0.0, Made(known=Traits(strong=True)), iterations=40).schedule
+    for call in (0, 5, 17, 38):
+        below = falling.at(call)[0]
+        prior = Made(known=Traits(strong=True, warmup=(TV(), 1), serves_below=below))
+        plan = make_plan(operator(), 0.0, prior, iterations=40)
+        names = [plan.serves[plan.place(n)].prior for n in range(40)]
+        told = [turn["from"] for turn in plan.describe()["serves"]]
+        assert told == [0, names.index(prior)], "TV serves until then"
+    never = Made(known=Traits(strong=True, warmup=(TV(), 1), serves_below=1e-3))
+    assert [turn["from"] for turn in make_plan(operator(), 0.0, never).describe()["serves"]] == [0]
 
 
 def test_a_plan_names_the_members_of_a_joint_prior():

@@ -65,11 +65,18 @@ def test_sigma_falls_while_a_strong_prior_serves_and_less_with_noise():
         sigmas = [schedule.at(iteration)[0] for iteration in range(30)]
         assert len(set(sigmas[:6])) == len(set(sigmas[20:])) == 1
         assert sigmas == sorted(sigmas, reverse=True)
-        assert schedule.falls == 20
         left.append(sigmas[-1] / sigmas[0])
     assert left == sorted(left)
     assert left[0] < 0.8
     assert left[-1] == pytest.approx(1, abs=1e-3)
+
+
+@pytest.mark.parametrize(("value", "dtype"), [(1e-161, np.float64), (1e-22, np.float32)])
+def test_masks_near_the_smallest_number_leave_sigma_finite(value, dtype):
+    op = SensingOperator(np.full((1, 2, 4, 4), value, dtype))
+    for noise in (0.0, np.zeros((4, 4), dtype)):
+        schedule = schedule_for(op, noise).settling(0, 9)
+        assert all(np.isfinite(rho).all() and 0 < sigma < 1 for sigma, rho in map(schedule.at, range(10)))
 
 
 @pytest.mark.parametrize("ends", [0, 5])
