@@ -54,7 +54,7 @@ class Schedule:
     sigma : float
         At the beginning, in units where x spans [0, 1].
     settled : float
-        Factor that sigma falls to while a strong prior serves.
+        Factor that sigma falls to in the last third of the calls of a strong prior.
     begins, ends : int
         Iterations in which that fall begins and ends, counted from 0; sigma stays as it is unless begins < ends.
     """
@@ -76,7 +76,7 @@ class Schedule:
 
     def settling(self, begins: int, ends: int) -> Schedule:
         """The schedule for a strong prior that serves from iteration `begins` to `ends`, counted from 0."""
-        return replace(self, begins=begins, ends=ends)
+        return replace(self, begins=ends - (ends - begins) // 3, ends=ends)
 
     def at(self, iteration: int) -> tuple[float, float | np.ndarray]:
         """sigma and rho of an iteration, counted from 0."""
@@ -99,8 +99,8 @@ def schedule_for(op: SensingOperator, noise: float | np.ndarray, sigma: float | 
     Where pixels differ in noise, each has its own rho, and the mean product decides on sigma.
 
     Without noise the limit of a strong prior, which minimises nothing, depends on sigma: the smaller, the more detail
-    remains, but errors too where sigma falls before they are removed. So sigma falls while the prior serves, to 0.7 of
-    what it was; with noise it falls less. A given sigma does not fall.
+    remains, but errors too where sigma falls before they are removed. So sigma falls in the last third of the calls, to
+    0.7 of what it was; with noise it falls less. A given sigma does not fall.
     """
     gram, frames = float(np.mean(op.gram)), op.parts[0].shape[0] * op.parts[0].shape[1]
     in_x = noise / np.sqrt(gram) if gram > 0 else 0.0

@@ -63,7 +63,8 @@ def test_sigma_falls_while_a_strong_prior_serves_and_less_with_noise():
     for noise in (0.0, 0.1, 1.0, 10.0):
         schedule = schedule_for(planes_of(2, 10), noise).settling(5, 20)
         sigmas = [schedule.at(iteration)[0] for iteration in range(30)]
-        assert len(set(sigmas[:6])) == len(set(sigmas[20:])) == 1
+        assert len(set(sigmas[:16])) == len(set(sigmas[20:])) == 1
+        assert len(set(sigmas[15:21])) == 6
         assert sigmas == sorted(sigmas, reverse=True)
         left.append(sigmas[-1] / sigmas[0])
     assert left == sorted(left)
