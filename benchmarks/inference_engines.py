@@ -1,7 +1,6 @@
 """Milliseconds of the network of "video" on 20 frames of 256 x 256: this package, and OpenVINO (pip install openvino).
 
 python benchmarks/inference_engines.py [THREADS]
-ATEN_CPU_CAPABILITY=avx2 ONEDNN_MAX_CPU_ISA=AVX2 python benchmarks/inference_engines.py  # as on a processor of AVX2
 
 The calls alternate. The output is the median and range of the milliseconds, the ratio to the first row, and the root
 mean square of the difference from float32 in torch.
