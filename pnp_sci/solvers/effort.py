@@ -16,9 +16,9 @@ class EffortNumbers(Tuned):
 
     plain: int = 100  # calls of a plain prior, balanced; half as many fast, twice as many for the best
     fast: int = 20  # calls of a strong prior
-    balanced: int = 30
-    per_frame: float = 1.5  # ... for each frame of all views, where that is more, but not more than the best effort
-    best: int = 50
+    work: int = 600  # frames of all views times calls, balanced
+    per_frame: float = 1.5  # calls for each frame of all views, balanced, where that is more
+    best: int = 50  # and the most of the balanced effort
 
 
 TUNED = EffortNumbers()
@@ -28,10 +28,10 @@ EFFORTS = {"fast": 0.5, "balanced": 1, "best": 2}  # calls of a plain prior, in 
 def calls_for(effort: str, prior: Prior, shape: Sequence[int], schedule: Schedule) -> int:
     """How many calls of a prior an effort allows for videos of this shape, its warm-up not included.
 
-    Noise takes some of those of a strong prior.
+    Of a strong prior, few frames allow many calls in the same time, and many frames need many. Noise takes some of them.
     """
     if not prior.traits(tuple(shape)).strong:
         return round(EFFORTS[effort] * TUNED.plain)
     frames = shape[0] * shape[1]
-    balanced = min(max(round(TUNED.per_frame * frames), TUNED.balanced), TUNED.best)
+    balanced = min(round(max(TUNED.work / frames, TUNED.per_frame * frames)), TUNED.best)
     return schedule.enough(TUNED.fast, {"fast": TUNED.fast, "balanced": balanced, "best": TUNED.best}[effort])
