@@ -23,8 +23,8 @@ OURS = (
     Method("flow"),
     Method("tv+ffdnet"),
     Method("desci"),
-    Method("video"),  # "auto" with the default effort
-    Method("both", effort="best"),  # "auto" with effort="best"
+    Method("video"),  # "auto"
+    Method("video", effort="best"),  # "auto" with effort="best"
     Method(None, init="ofanet-fast"),
     Method(None, init="ofanet"),
     Method(None, init="unet"),
