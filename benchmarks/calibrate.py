@@ -38,7 +38,7 @@ FAST, STRONG = ("tv", "flow"), ("flow", "video")
 SERVES = {
     "pnp_sci.solvers.schedule": (FAST, "noise"),
     "pnp_sci.solvers.gap": (FAST, "moving noise"),
-    "pnp_sci.solvers.effort": (("flow",), "moving noise"),
+    "pnp_sci.solvers.effort": (STRONG, "moving noise"),
     "pnp_sci.solvers.stopping": (("tv",), "moving noise"),
     "pnp_sci.api": (("tv",), "moving noise"),
     "pnp_sci.solvers.averaging": (STRONG, "moving noise"),

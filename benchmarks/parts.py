@@ -26,14 +26,14 @@ from priors.networks import along_motion
 
 SIZE = 128
 # (views, frames): number of cases
-SETUPS = {(2, 10): 10, (2, 6): 2, (2, 14): 2, (1, 8): 5, (1, 16): 1}
+SETUPS = {(2, 10): 10, (2, 6): 2, (2, 14): 2, (1, 8): 6}
 NOISES = 0.02, 0.04, 0.06, 0.08, 0.1  # of max(y)
 
 
 def cases(noises=(0.0,)):
     """Truth (V, B, 128, 128), masks and y of each case; clips and noises follow each other in a circle."""
     _, held_out = split(load_clips([Path(os.environ["PNP_SCI_DATA"]) / "train_video"]))
-    clips = itertools.cycle([c.frames for c in held_out if len(c.frames) >= 16 and min(c.frames.shape[1:]) >= SIZE])
+    clips = itertools.cycle([c.frames for c in held_out if len(c.frames) >= 14 and min(c.frames.shape[1:]) >= SIZE])
     setups = [setup for setup, count in SETUPS.items() for _ in range(count)]
     for seed, ((views, frames), noise) in enumerate(zip(setups, itertools.cycle(noises))):
         truth = np.stack([crop(next(clips), frames, seed) for _ in range(views)])
