@@ -8,7 +8,7 @@ from pnp_sci._validate import one_of
 from pnp_sci.advice.recommend import LEARNED
 from pnp_sci.solvers.effort import EFFORTS
 
-AUTO = {"fast": "tv", "balanced": "video", "best": "both"}  # the prior "auto"
+AUTO = {"fast": "tv", "balanced": "video", "best": "video"}  # the prior "auto"
 AUTO_UNLEARNED = {"fast": "tv", "balanced": "flow", "best": "flow"}  # ... where PyTorch is missing
 NETWORK = "ofanet-fast"  # the first estimate "auto" beside a network: the quickest that is better than "adjoint"
 
