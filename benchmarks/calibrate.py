@@ -58,7 +58,6 @@ SERVES = {
     "priors.session": (("ffdnet", "video"), "moving noise"),
     "priors.networks.along_motion": (("video",), "moving noise"),
     "priors.video": (("video",), "moving noise"),
-    "priors.both": (("both",), "moving noise"),
     "ofanet_init.prepared": (("decode:ofanet-fast",), "moving noise"),
 }
 ALSO = {"pnp_sci.solvers.schedule.sigma": "moving", "pnp_sci.solvers.schedule.settled": "moving"}

@@ -11,7 +11,7 @@ import numpy as np
 
 import pnp_sci
 
-PRIORS = ("tv", "wavelet", "bm3d", "flow", "ffdnet", "video", "both", "auto")
+PRIORS = ("tv", "wavelet", "bm3d", "flow", "ffdnet", "video", "auto")
 DECODERS = ("ofanet-fast", "ofanet")  # as the first estimate of "video"
 BUDGETS = (0.3, 0.6, 1.0, 2.0, 3.0, 5.0)
 

@@ -15,7 +15,7 @@ import numpy as np
 import pnp_sci
 from pnp_sci.training.clips import load_clips, split
 
-PRIORS = ("tv", "wavelet", "ffdnet", "video", "flow", "both")
+PRIORS = ("tv", "wavelet", "ffdnet", "video", "flow")
 FRAMES, SIZE = 10, 128
 
 

@@ -11,7 +11,6 @@ import pytest
 
 import priors
 from priors.bm3d import BM3D
-from priors.both import Both
 from priors.desci import DeSCI
 from priors.ffdnet import FFDNet
 from priors.flow import Flow
@@ -39,7 +38,7 @@ OPERATORS = {
 }
 
 WEIGHTS = Path(priors.__file__).parent / "weights"
-NETWORKS = {"ffdnet": "ffdnet", "video": "video", "both": "video"}  # names of priors, and the weights they need
+NETWORKS = ("ffdnet", "video")  # names of priors, and of the weights they need
 
 
 def learned(*values, name, weights="video"):
@@ -52,7 +51,7 @@ def learned(*values, name, weights="video"):
 def by_name(name, *values):
     """A parameter of a test, the name of a prior and maybe values: skipped where its network cannot run."""
     if name in NETWORKS:
-        return learned(name, *values, name=name, weights=NETWORKS[name])
+        return learned(name, *values, name=name, weights=name)
     return pytest.param(name, *values, id=name)
 
 
@@ -74,5 +73,4 @@ PRIORS = [
     pytest.param(Flow(neighbours=1, still=False), id="flow of next neighbours"),
     learned(FFDNet(), name="ffdnet", weights="ffdnet"),
     learned(Video(), name="video"),
-    learned(Both(), name="both"),
 ]

@@ -44,7 +44,7 @@ def test_solving_needs_no_torch(prior):
     assert loaded_after(solve, others) == []
 
 
-@pytest.mark.parametrize("name", ["ffdnet", "video", "both"])
+@pytest.mark.parametrize("name", ["ffdnet", "video"])
 def test_making_a_network_prior_loads_no_torch(name):
     """Nor does asking for its traits; the first session does."""
     made = f"import pnp_sci; p = pnp_sci.as_prior({name!r}); p.traits((2, 10, 64, 64))"

@@ -23,7 +23,7 @@ OURS = (
     Method("flow"),
     Method("tv+ffdnet"),
     Method("desci"),
-    Method("video"),  # "auto"
+    Method("video"),  # "auto" with the default effort
     Method("video", effort="best"),  # "auto" with effort="best"
     Method(None, init="ofanet-fast"),
     Method(None, init="ofanet"),

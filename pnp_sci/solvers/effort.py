@@ -28,7 +28,7 @@ EFFORTS = {"fast": 0.5, "balanced": 1, "best": 2}  # calls of a plain prior, in 
 def calls_for(effort: str, prior: Prior, shape: Sequence[int], schedule: Schedule) -> int:
     """How many calls of a prior an effort allows for videos of this shape, its warm-up not included.
 
-    Of a strong prior, few frames allow many calls in the same time, and many frames need many. Noise takes some of them.
+    Of a strong prior, few frames allow many calls in the same time, and many frames need many. Noise takes some away.
     """
     if not prior.traits(tuple(shape)).strong:
         return round(EFFORTS[effort] * TUNED.plain)

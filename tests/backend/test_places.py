@@ -20,7 +20,7 @@ def stays_on_the_cpu(session):
     return isinstance(session, OnHost)
 
 
-@pytest.mark.parametrize("name", map(by_name, ["tv", "wavelet", "bm3d", "flow", "desci", "ffdnet", "video", "both"]))
+@pytest.mark.parametrize("name", map(by_name, ["tv", "wavelet", "bm3d", "flow", "desci", "ffdnet", "video"]))
 def test_the_guide_says_where_a_prior_runs(name):
     rows = dict(ROW.findall(GUIDE.read_text(encoding="utf-8")))
     session = begun(pnp_sci.as_prior(name), (1, 3, 32, 32), np.dtype("f4"), "cpu")

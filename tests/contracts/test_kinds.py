@@ -54,7 +54,6 @@ def test_what_is_no_network_says_so_and_starts_from_the_adjoint(prior, case):
     [
         by_name("ffdnet"),
         by_name("video"),
-        by_name("both"),
         learned("video+tv", name="beside a classical one"),
         learned(FFDNet(), name="an object", weights="ffdnet"),
         learned(Theirs(Traits(network=True)), name="a third party's"),

@@ -64,11 +64,12 @@ def test_two_stages_keep_their_promises(one, other):
     "combined",
     [
         learned("video+tv", name="at once"),
+        learned("flow+video", name="flow at once"),
         learned(Stages([(Video(first=0), 1), (TV(), 1)]), name="video, then tv"),
         learned(Stages([(TV(), 1), (Video(), 1)]), name="tv, then video"),
     ],
 )
-def test_video_with_tv_keeps_its_promises(combined):
+def test_video_with_another_prior_keeps_its_promises(combined):
     check_prior(combined)
 
 

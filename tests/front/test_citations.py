@@ -11,8 +11,6 @@ from pnp_sci.plugins import registry
 from pnp_sci.results.history import History, Status
 from pnp_sci.results.result import Result
 
-NETWORKS = ("ffdnet", "video", "both")
-
 
 def papers(prior, **options):
     scene = embedded_scene(32)
@@ -35,7 +33,6 @@ def named(authors, listed):
         ([("tv", 1), ("wavelet", 2)], ["Chambolle", "Coifman"]),
         by_name("ffdnet", ["Zhang"]),
         by_name("video", ["Zhang", "Tassano"]),
-        by_name("both", ["Zhang", "Tassano", "Kroeger", "Dabov"]),
     ],
 )
 def test_priors_name_their_papers_and_those_of_what_they_use(prior, authors):

@@ -1,4 +1,4 @@
-"""The flow prior, and the priors with networks that see motion as it does: they help where they can."""
+"""The flow prior, and the prior with a network that sees motion as it does: they help where they can."""
 
 import numpy as np
 import pytest
@@ -8,13 +8,12 @@ import pnp_sci
 from pnp_sci import datasets, denoise
 from pnp_sci.errors import InputError
 from pnp_sci.plugins.combine import InTurn, turns
-from priors.both import Both
 from priors.flow import Flow
 from priors.motion import measure as motion
 from priors.tv import TV
 from priors.video import Video
 
-KINDS = [Flow, learned(Video, name="Video"), learned(Both, name="Both")]
+KINDS = [Flow, learned(Video, name="Video")]
 CALLS = 6  # of a session: the motion is measured at least twice
 
 

@@ -105,8 +105,8 @@ def test_weights_that_do_not_fit(weights, tmp_path):
 def test_torch_is_loaded_when_a_session_begins():
     """And not with the priors, nor with what they say of themselves."""
     code = (
-        "import sys, numpy as np; from priors.both import Both; from priors.ffdnet import FFDNet;"
-        "from priors.video import Video; made = [Both(), FFDNet(), Video()];"
+        "import sys, numpy as np; from priors.ffdnet import FFDNet;"
+        "from priors.video import Video; made = [FFDNet(), Video()];"
         "[prior.traits((2, 4, 40, 40)) for prior in made]; assert 'torch' not in sys.modules;"
         "FFDNet().begin((1, 1, 8, 8), np.dtype('f4')); assert 'torch' in sys.modules"
     )

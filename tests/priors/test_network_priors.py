@@ -1,4 +1,4 @@
-"""The priors with networks inside a solver: ffdnet, video and both, by the weights of this package."""
+"""The priors with networks inside a solver: ffdnet and video, by the weights of this package."""
 
 import numpy as np
 import pytest
@@ -7,7 +7,6 @@ import pnp_sci
 from pnp_sci import as_prior, datasets, denoise
 from pnp_sci.errors import DataUnavailableError, InputError
 from pnp_sci.plugins.combine import turns
-from priors.both import Both
 from priors.ffdnet import FFDNet
 from priors.flow import Flow
 from priors.tv import TV
@@ -15,7 +14,7 @@ from priors.video import Video
 
 pytest.importorskip("torch")
 
-NAMED = {"ffdnet": FFDNet, "video": Video, "both": Both}
+NAMED = {"ffdnet": FFDNet, "video": Video}
 
 
 def quality(scene, prior, **options):
@@ -70,8 +69,8 @@ def test_a_result_says_which_weights_made_it():
 
 def test_two_networks_are_both_recorded():
     x = datasets.embedded_scene(48).truth[:, :3].astype(np.float32)
-    image, video, both = (prior.begin(x.shape, x.dtype).facts()["weights"] for prior in (FFDNet(), Video(), Both()))
-    assert image != video == both
+    image, video = (prior.begin(x.shape, x.dtype).facts()["weights"] for prior in (FFDNet(), Video()))
+    assert image != video
     together = pnp_sci.as_prior("ffdnet+video").begin(x.shape, x.dtype).facts()["weights"]
     assert together == [*image, *video]
 
@@ -93,15 +92,8 @@ def test_video_is_better_than_flow_in_both_views():
     assert (quality(scene, "video") > quality(scene, "flow")).all()
 
 
-def test_flow_and_video_together_beat_either():
-    """Their errors differ."""
-    scene = datasets.embedded_scene(128)
-    qualities = [quality(scene, prior, effort="best", init="adjoint").mean() for prior in ("both", "flow", "video")]
-    assert qualities[0] == max(qualities)
-
-
-@pytest.mark.parametrize(("effort", "prior"), [("balanced", "video"), ("best", "both")])
-def test_auto_is_video_alone_or_with_flow(effort, prior):
+@pytest.mark.parametrize(("effort", "prior"), [("fast", "tv"), ("balanced", "video"), ("best", "video")])
+def test_what_auto_is(effort, prior):
     scene = datasets.embedded_scene(32)
     given = {"effort": effort, "noise": 0, "tol": 0, "callback": lambda state: True}
     auto, named = (pnp_sci.solve(scene.y, scene.masks, p, **given).settings for p in ("auto", prior))
@@ -115,13 +107,6 @@ def test_auto_without_torch_is_flow(monkeypatch, effort):
     scene = datasets.embedded_scene(32)
     result = pnp_sci.solve(scene.y, scene.masks, "auto", effort=effort, iterations=2)
     assert result.settings["prior"] == "flow"
-
-
-def test_both_are_left_to_video_where_nothing_shows_motion():
-    x = datasets.embedded_scene(48).truth[:, :3]
-    for still in (x[:, :1], x[..., :24, :24]):
-        assert np.array_equal(denoise(still, 0.05, "both"), denoise(still, 0.05, "video"))
-    assert not np.array_equal(denoise(x, 0.05, "both"), denoise(x, 0.05, "video"))
 
 
 @pytest.mark.parametrize("size", [(2, 1, 40, 40), (2, 3, 24, 24)])

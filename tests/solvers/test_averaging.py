@@ -105,11 +105,11 @@ def test_the_guard_looks_at_the_iterates_and_not_at_the_mean(scene, grows, statu
     assert found[0] == found[1]
 
 
-@pytest.mark.parametrize("name", ["bm3d", "flow", "desci", "ffdnet", "video", "both"])
+@pytest.mark.parametrize("name", ["bm3d", "flow", "desci", "ffdnet", "video"])
 @pytest.mark.parametrize("frames", [1, 3])
 def test_which_priors_ask_for_it(name, frames):
     """Those that fluctuate; the images of `ffdnet` do not, but for its turns where there is a single frame."""
-    if name in ("ffdnet", "video", "both"):
+    if name in ("ffdnet", "video"):
         pytest.importorskip("torch")
     traits = pnp_sci.as_prior(name).traits((1, frames, 32, 32))
     assert traits.average == ((name, frames) != ("ffdnet", 3))

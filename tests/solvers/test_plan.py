@@ -61,7 +61,8 @@ def test_few_frames_get_more_calls_in_the_same_time_and_many_frames_need_more():
     strong = Made(known=Traits(strong=True))
     few, many = ((1, 1), (1, 8), (2, 6), (1, 16), (2, 10)), ((2, 10), (2, 14), (2, 20), (2, 100))
     for effort in ("fast", "balanced", "best"):
-        falling, rising = ([iterations(effort, strong, op=operator(*s, side=8)) for s in sizes] for sizes in (few, many))
+        falling = [iterations(effort, strong, op=operator(*size, side=8)) for size in few]
+        rising = [iterations(effort, strong, op=operator(*size, side=8)) for size in many]
         assert falling == sorted(falling, reverse=True)
         assert rising == sorted(rising)
         assert falling[0] == rising[-1], "but not without end"
