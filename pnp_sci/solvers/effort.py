@@ -16,9 +16,9 @@ class EffortNumbers(Tuned):
 
     plain: int = 100  # calls of a plain prior, balanced; half as many fast, twice as many for the best
     fast: int = 20  # calls of a strong prior
-    work: int = 600  # frames of all views times calls, balanced
+    work: int = 600  # calls times frames of all views, balanced
     per_frame: float = 1.5  # calls for each frame of all views, balanced, where that is more
-    best: int = 50  # and the most of the balanced effort
+    best: int = 50  # calls of a strong prior, best; upper limit of balanced
 
 
 TUNED = EffortNumbers()
@@ -28,7 +28,8 @@ EFFORTS = {"fast": 0.5, "balanced": 1, "best": 2}  # calls of a plain prior, in 
 def calls_for(effort: str, prior: Prior, shape: Sequence[int], schedule: Schedule) -> int:
     """How many calls of a prior an effort allows for videos of this shape, its warm-up not included.
 
-    Of a strong prior, few frames allow many calls in the same time, and many frames need many. Noise takes some away.
+    A strong prior has more calls for few frames, which cost little, and for many frames, which converge slowly. With
+    noise it has fewer.
     """
     if not prior.traits(tuple(shape)).strong:
         return round(EFFORTS[effort] * TUNED.plain)

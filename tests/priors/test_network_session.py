@@ -32,7 +32,7 @@ def begun(stronger=1.5, turn=0):
 
 
 @pytest.fixture
-def wild():
+def noise():
     """Two views (2, 3, 16, 16) of noise."""
     return np.random.default_rng(0).standard_normal((2, 3, 16, 16)).astype(np.float32)
 
@@ -56,17 +56,17 @@ def test_every_call_in_a_row_of_eight_is_seen_in_another_way():
     assert {turn % 8 for turn in net.turns[:8]} == {turn % 8 for turn in net.turns[8:]} == set(range(8))
 
 
-def test_the_input_stays_as_it_is(wild):
-    session, before = begun()[0], wild.copy()
+def test_the_input_stays_as_it_is(noise):
+    session, before = begun()[0], noise.copy()
     for _ in range(3):
-        session(wild, 0.05)
-    np.testing.assert_array_equal(wild, before)
+        session(noise, 0.05)
+    np.testing.assert_array_equal(noise, before)
 
 
-def test_without_noise_the_input_comes_back_and_nothing_is_told(wild):
+def test_without_noise_the_input_comes_back_and_nothing_is_told(noise):
     session, net, beside = begun()
-    session(np.zeros_like(wild), 0.05)
-    np.testing.assert_array_equal(session(wild, 0.0), wild)
+    session(np.zeros_like(noise), 0.05)
+    np.testing.assert_array_equal(session(noise, 0.0), noise)
     assert len(net.sigmas) == len(beside) == 1
 
 

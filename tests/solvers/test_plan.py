@@ -57,7 +57,7 @@ def test_a_joint_prior_is_strong_where_a_member_is():
         assert iterations(effort, Joint([Made(), strong])) == iterations(effort, strong)
 
 
-def test_few_frames_get_more_calls_in_the_same_time_and_many_frames_need_more():
+def test_few_frames_and_many_frames_get_more_calls():
     strong = Made(known=Traits(strong=True))
     few, many = ((1, 1), (1, 8), (2, 6), (1, 16), (2, 10)), ((2, 10), (2, 14), (2, 20), (2, 100))
     for effort in ("fast", "balanced", "best"):
