@@ -252,8 +252,8 @@ class _Task:
     def score(self, method: Method) -> float:
         """The held-back score; noise and scene are those of all pixels, equal for all methods."""
         prior = prior_for(method.effort) if method.prior == "auto" else method.prior
-        network = as_prior(prior).traits(self.planes.shape).network
-        known = {"init": filled_start(method.init, network), "noise": self.sensor, "scene": self.scene}
+        strong = as_prior(prior).traits(self.planes.shape).strong
+        known = {"init": filled_start(method.init, strong), "noise": self.sensor, "scene": self.scene}
         settings = method.arguments() | self.common | known
         planes = self.planes if self.bad is None else self.planes * ~self.bad
         return held_back_score(

@@ -12,7 +12,7 @@ import numpy as np
 
 from pnp_sci._validate import real_array, require_finite, shaped
 from pnp_sci.errors import FormatError, InputError
-from pnp_sci.pipeline.auto import NETWORK
+from pnp_sci.pipeline.auto import DECODER
 from pnp_sci.plugins.mosaic import decoded
 from pnp_sci.plugins.resolve import decoder_for
 from pnp_sci.sensing.problem import Problem, level
@@ -54,21 +54,21 @@ def first_estimate(
     init: Any,
     problem: Problem,
     scene: SceneModel,
-    network: bool = False,
+    strong: bool = False,
     device: str | None = None,
     deadline: float | None = None,
 ) -> Start:
     """The start that an `init` argument of :func:`pnp_sci.solve` stands for.
 
-    Beside a prior that is a `network`, "auto" is the quickest decoder, where it is installed and has weights for such
-    masks. A decoder that takes a `device` runs there. In place of one that would miss the `deadline` comes "adjoint".
+    Beside a `strong` prior "auto" is the quickest decoder, where PyTorch and weights for such masks are installed. A
+    decoder that takes a `device` runs there. In place of one that would miss the `deadline` comes "adjoint".
     """
     if isinstance(init, str) and init == "auto":
         try:
-            return first_estimate(NETWORK if network else "adjoint", problem, scene, False, device, deadline)
+            return first_estimate(DECODER if strong else "adjoint", problem, scene, False, device, deadline)
         except FormatError:  # weights that are damaged
             raise
-        except InputError:
+        except (InputError, ImportError):
             return first_estimate("adjoint", problem, scene)
     if isinstance(init, str) and init == "adjoint":
         return Start(init, level(problem.op, problem.y))

@@ -20,9 +20,10 @@ class Traits:
     Attributes
     ----------
     strong : bool
-        One call does much: some tens of calls suffice where a plain prior needs a hundred.
+        One call does much: some tens of calls suffice where a plain prior needs a hundred. The solver may start from a
+        decoder's estimate.
     network : bool
-        The solver may start from a decoder's estimate, and PyTorch is needed.
+        PyTorch is needed.
     warmup : (Prior, int), optional
         The prior that serves the first iterations in its place, and how many; none after a decoder's estimate.
     serves_below : float

@@ -142,23 +142,23 @@ def test_warm_start(trained, case, init):
 
 
 @dataclass(frozen=True)
-class Learned(Prior):
-    """Says that it is a network, and assumes nothing."""
+class Strong(Prior):
+    """Says that it is strong, and assumes nothing."""
 
     def traits(self, shape):
-        return Traits(network=True)
+        return Traits(strong=True)
 
     def begin(self, shape, dtype):
         return FunctionSession(lambda x, sigma: x.copy())
 
 
-learned = Learned()
+strong = Strong()
 
 
 @pytest.mark.parametrize(
     ("frames", "prior", "lowest", "init"),
-    [(4, learned, 0, "ofanet-fast"), (4, "tv", 0, "adjoint"), (3, learned, 0, "adjoint"), (4, learned, -1, "adjoint")],
-    ids=["learned prior", "another", "no weights", "masks that the network cannot take"],
+    [(4, strong, 0, "ofanet-fast"), (4, "tv", 0, "adjoint"), (3, strong, 0, "adjoint"), (4, strong, -1, "adjoint")],
+    ids=["strong prior", "another", "no weights", "masks that the network cannot take"],
 )
 def test_first_estimate_that_is_chosen(trained, frames, prior, lowest, init):
     rng = np.random.default_rng(0)
@@ -177,7 +177,7 @@ def test_damaged_weights_are_an_error_and_not_a_plain_start(case, tmp_path, monk
     monkeypatch.setattr(weights, "FOLDER", tmp_path)
     prepared.trained.cache_clear()
     with pytest.raises(FormatError, match="not a safetensors file"):
-        pnp_sci.solve(*case, learned, iterations=1)
+        pnp_sci.solve(*case, strong, iterations=1)
 
 
 @pytest.mark.parametrize("rows", [70, 256, 301])
@@ -190,23 +190,23 @@ def test_pictures_are_decoded_by_parts_without_a_seam(trained, monkeypatch, rows
     assert np.abs(pnp_sci.decode(y, masks, model="ofanet-fast").x - whole).max() < 0.02 * np.ptp(whole)
 
 
-def test_a_learned_prior_is_scored_from_the_start_that_it_gets(trained, case, monkeypatch):
+def test_a_strong_prior_is_scored_from_the_start_that_it_gets(trained, case, monkeypatch):
     started = []
 
     def decode(problem, scene):
         started.append("network")
         return np.zeros(problem.op.shape, problem.op.dtype)
 
-    monkeypatch.setitem(registry._registered["priors"], "learned", Learned)
+    monkeypatch.setitem(registry._registered["priors"], "strong", Strong)
     monkeypatch.setitem(registry._registered["decoders"], "ofanet-fast", lambda: decode)
-    scored = compare(*case, grid(["learned", "tv"], iterations=2))
+    scored = compare(*case, grid(["strong", "tv"], iterations=2))
     assert len(started) == 2, "once for the score and once for the result, and never for tv"
     assert [trial.result.settings["init"] for trial in scored.trials] == ["ofanet-fast", "adjoint"]
 
 
 def test_without_networks_the_first_estimate_is_a_plain_one(trained, case, monkeypatch):
-    monkeypatch.setattr("pnp_sci.pipeline.start.NETWORK", "not installed")
-    assert pnp_sci.solve(*case, learned, iterations=2).settings["init"] == "adjoint"
+    monkeypatch.setattr("pnp_sci.pipeline.start.DECODER", "not installed")
+    assert pnp_sci.solve(*case, strong, iterations=2).settings["init"] == "adjoint"
 
 
 @pytest.mark.parametrize("name", ["ofanet", "ofanet-fast"])

@@ -73,7 +73,7 @@ def test_settings_name_the_first_estimate(scene, init, monkeypatch):
 
 
 def test_damaged_weights_are_told_and_not_passed_over(scene, monkeypatch):
-    """With "auto", a decoder that has no weights for such masks is left out; one that cannot be read is an error."""
+    """With "auto", a decoder without PyTorch or weights for such masks is left out; a damaged file is an error."""
 
     def damaged():
         def decode(problem, scene):
@@ -87,14 +87,18 @@ def test_damaged_weights_are_told_and_not_passed_over(scene, monkeypatch):
 
         return decode
 
+    def missing():
+        raise ImportError("needs PyTorch")
+
     from made_priors import Made
 
-    network = Made(known=pnp_sci.Traits(network=True))
-    monkeypatch.setitem(registry._registered["decoders"], "ofanet-fast", unfit)
-    assert solve(scene.y, scene.masks, network, iterations=1).settings["init"] == "adjoint"
+    strong = Made(known=pnp_sci.Traits(strong=True))
+    for absent in (unfit, missing):
+        monkeypatch.setitem(registry._registered["decoders"], "ofanet-fast", absent)
+        assert solve(scene.y, scene.masks, strong, iterations=1).settings["init"] == "adjoint"
     monkeypatch.setitem(registry._registered["decoders"], "ofanet-fast", damaged)
     with pytest.raises(FormatError, match="cannot be read"):
-        solve(scene.y, scene.masks, network, iterations=1)
+        solve(scene.y, scene.masks, strong, iterations=1)
 
 
 @pytest.mark.parametrize(
