@@ -56,7 +56,7 @@ def test_what_is_no_network_says_so_and_starts_from_the_adjoint(prior, case):
         by_name("video"),
         learned("video+tv", name="beside a classical one"),
         learned(FFDNet(), name="an object", weights="ffdnet"),
-        learned(Theirs(Traits(network=True)), name="a third party's"),
+        learned(Theirs(Traits(strong=True)), name="a third party's"),
     ],
 )
 def test_what_is_a_network_may_start_from_a_decoder(prior, case):
