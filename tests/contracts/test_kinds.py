@@ -54,13 +54,14 @@ def test_what_is_no_network_says_so_and_starts_from_the_adjoint(prior, case):
     [
         by_name("ffdnet"),
         by_name("video"),
+        learned("flow", name="no network"),
         learned("video+tv", name="beside a classical one"),
         learned(FFDNet(), name="an object", weights="ffdnet"),
         learned(Theirs(Traits(strong=True)), name="a third party's"),
     ],
 )
-def test_what_is_a_network_may_start_from_a_decoder(prior, case):
-    assert as_prior(prior).traits(SHAPE).network
+def test_what_is_strong_starts_from_a_decoder(prior, case):
+    assert as_prior(prior).traits(SHAPE).strong
     assert pnp_sci.solve(*case, prior, iterations=1).settings["init"] == "ofanet-fast"
 
 
