@@ -1,5 +1,7 @@
 """What parts of a reconstruction gain: PSNR without a part minus PSNR with it, on 20 cases of validation clips.
 
+`true-motion` is what could be gained: the motion of `video` is found in the true frames.
+
 PNP_SCI_DATA=DIR python benchmarks/parts.py [PART ...] [--seed 20]
 
 The cases are crops of 128 x 128 pixels of clips that are not in the training set, without noise, or with noise for
@@ -54,19 +56,24 @@ def crop(clip, frames, seed):
     return clip[first : first + frames, top : top + SIZE, left : left + SIZE] / np.float32(255)
 
 
-def without_averaging():
+def without_averaging(_):
     return mock.patch.object(RunningMean, "__call__", lambda _, state, averages: state)
 
 
 @contextmanager
-def without_finish():
+def without_finish(_):
     unchanged = {"finished": lambda x, *_: x}
     with mock.patch.multiple(along_motion, **unchanged), mock.patch.multiple(flow, **unchanged):
         yield
 
 
-def without_share():
+def without_share(_):
     return mock.patch.object(measurement, "blended", lambda _, x, decoded: (x, [0.0] * len(x)))
+
+
+def with_true_motion(truth):
+    see = along_motion.see
+    return mock.patch.object(along_motion, "see", lambda _, x, *rest: see(lambda frames, _: truth, x, *rest))
 
 
 # part: what leaves it out, prior, and noises of max(y)
@@ -75,6 +82,7 @@ PARTS = {
     "averaging-flow": (without_averaging, "flow", QUIET),
     "finish-video": (without_finish, "video", QUIET),
     "finish-flow": (without_finish, "flow", QUIET),
+    "true-motion": (with_true_motion, "video", QUIET),
     "share-video": (without_share, "video", NOISES),
     "share-flow": (without_share, "flow", NOISES),
 }
@@ -83,7 +91,7 @@ PARTS = {
 def solved(context, prior, truth, masks, y):
     """PSNR in dB and seconds of a solve within a context."""
     began = time.perf_counter()
-    with context():
+    with context(truth):
         result = pnp_sci.solve(y, masks, prior, init="ofanet-fast", scene="full")
     return float(np.mean(pnp_sci.psnr(result.x, truth))), time.perf_counter() - began
 
