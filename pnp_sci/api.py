@@ -67,7 +67,7 @@ def solve(
     prior : str, Prior, callable, torch.nn.Module, or sequence of (prior, iterations)
         A name (``pnp-sci priors``), names joined by "+", "auto", a function ``(x, sigma)``, or stages.
     init : str, array_like (V, B, H, W) or (N, V, B, H, W), or callable (problem, scene)
-        First estimate: "adjoint", a decoder, or a video in the units of the result; "auto" decodes for strong priors.
+        First estimate: "adjoint", a decoder, or a video in the units of the result; "auto" decodes, with strong priors.
     algorithm, effort : str
         "gap", "plain-gap" or "admm"; "fast", "balanced" or "best": the most iterations, and which prior "auto" is.
     scene : "auto", "full" or SceneModel

@@ -44,9 +44,9 @@ class DeSCI(Prior):
     by reweighting: with the Gram matrix G of the group in the last result, ``Z = G (G + C)^-1 X``, one small system of
     equations a group. Overlapping patches are averaged.
 
-    Total variation serves the first 60 calls. Patches are searched in the frame, and in its neighbours around where the
-    optical flow leads; the groups are renewed in every sixth call. Frames smaller than a patch are left to total
-    variation.
+    Total variation serves the first 60 calls, unless a decoder gives the start. Patches are searched in the frame, and
+    in its neighbours around where the optical flow leads; the groups are renewed in every sixth call. Frames smaller
+    than a patch are left to total variation.
 
     Parameters
     ----------

@@ -98,17 +98,17 @@ def held_back_score(
         return float(-10 * np.log10(excess / (white**2 * op.gram[hidden].mean())))
 
 
-def filled_start(init: str, strong: bool = False) -> Callable[[Problem, SceneModel], np.ndarray]:
+def filled_start(init: str, decode: bool = False) -> Callable[[Problem, SceneModel], np.ndarray]:
     """The initial estimate `init`, with pixels where gram is 0 replaced by a mean of their neighbours.
 
     It is for scored reconstructions, where hidden pixels would otherwise start at 0. The score would then depend on how
-    fast a method fills them. `strong` is whether the prior is, for ``init="auto"``.
+    fast a method fills them. `decode` is whether ``init="auto"`` may be a decoder.
     """
 
     def start(problem: Problem, scene: SceneModel) -> np.ndarray:
         from scipy.ndimage import gaussian_filter
 
-        x = first_estimate(init, problem, scene, strong).x
+        x = first_estimate(init, problem, scene, decode).x
         seen = (problem.op.gram > 0).astype(x.dtype)
         weight = gaussian_filter(seen, 1)
         around = np.divide(gaussian_filter(x * seen, (0, 0, 1, 1)), weight, out=x.copy(), where=weight > 0)

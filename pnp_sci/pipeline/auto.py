@@ -8,7 +8,7 @@ from pnp_sci._validate import one_of
 from pnp_sci.advice.recommend import LEARNED
 from pnp_sci.solvers.effort import EFFORTS
 
-DECODER = "ofanet-fast"  # the first estimate "auto" beside a strong prior: the quickest that beats "adjoint"
+DECODER = "ofanet-fast"  # the first estimate "auto" with a strong prior: quick, and better than "adjoint"
 
 
 def prior_for(effort: str) -> str:

@@ -16,7 +16,7 @@ from pnp_sci.sensing.problem import Problem
 class BlendNumbers(Tuned):
     """How much a decoder's estimate counts."""
 
-    alike: float = 1.5e-3  # mean squared difference at which both are equally good, where x spans [0, 1]
+    alike: float = 1.5e-3  # mean squared difference at which the share is largest, where x spans [0, 1]
     loud: float = 0.1  # noise in a pixel of x, ``noise / sqrt(gram)``, that equals a decoder's error
 
 
@@ -30,7 +30,7 @@ def blended(problem: Problem, x: Any, other: Any) -> tuple[Any, list[float]]:
     ``s = q / (1 + q^2) n^4 / (n^4 + 0.1^4)``, with ``q = d / 0.0015``, d the mean squared difference of the two and n
     the noise of y, as known or estimated, in a pixel of x, ``noise / sqrt(gram)``, by all masks also where fewer frames
     are modelled. It is 1/2 at most, the mean of two equally good estimates. Far apart the decoder is mostly wrong;
-    close together the scene is easy, and the solver better. What is not finite stays as it is.
+    close together the scene is easy, and a strong prior mostly better. What is not finite stays as it is.
 
     Examples
     --------

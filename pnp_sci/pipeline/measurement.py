@@ -15,7 +15,7 @@ from pnp_sci.pipeline.progress import Watch
 from pnp_sci.pipeline.reference import Reference
 from pnp_sci.pipeline.request import Request
 from pnp_sci.pipeline.sequence import Window, together
-from pnp_sci.pipeline.start import Start, first_estimate
+from pnp_sci.pipeline.start import Start, first_estimate, may_decode
 from pnp_sci.plugins.combine import InTurn
 from pnp_sci.results.history import Record, Status
 from pnp_sci.scene.choose import choose_scene
@@ -85,7 +85,7 @@ def reconstruct(
     traits = request.prior.traits(op.shape)
     scene = choose_scene(request.scene, problems[0], traits.strong, traits.strong, judged_until(deadline))
     reduced = scene.reduce(joint.op)
-    begin = _first(problems, request, window, scene, traits.strong, deadline)
+    begin = _first(problems, request, window, scene, may_decode(traits, deadline), deadline)
     name, decoded, x, remarks = begin.name, begin.decoded, begin.x, begin.remarks
     del begin  # the first estimate is freed after the first step, but for a decoder's
     plan = make_plan(
@@ -138,12 +138,12 @@ def _first(
     request: Request,
     window: Window,
     scene: SceneModel,
-    strong: bool,
+    decode: bool,
     deadline: float | None,
 ) -> Start:
     """The first estimate of the modelled part of all measurements."""
     first = [
-        first_estimate(request.init_of(n), problem, scene, strong, request.device, deadline)
+        first_estimate(request.init_of(n), problem, scene, decode, request.device, deadline)
         for n, problem in zip(window.seen, problems)
     ]
     names = {start.name for start in first}

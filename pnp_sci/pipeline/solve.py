@@ -106,7 +106,7 @@ def predict_errors(
     """errors <- the predicted errors of videos, by a second solve; a remark where they cannot be said."""
     from pnp_sci.pipeline.uncertainty import held_back, uncertainty, without_pixels
 
-    init = request.init if isinstance(request.init, str) else "auto"  # a video knows the pixels that are held back
+    init = request.init if isinstance(request.init, str) else "adjoint"  # a video knows the pixels that are held back
     same = replace(request, scene=outcome.model or request.scene, init=init)
     hidden = {n: held_back(problem) for n, problem in zip(window.seen, problems)}
     second: np.ndarray | None = None

@@ -14,6 +14,7 @@ from pnp_sci._validate import real_array, require_finite, shaped
 from pnp_sci.errors import FormatError, InputError
 from pnp_sci.pipeline.auto import DECODER
 from pnp_sci.plugins.mosaic import decoded
+from pnp_sci.plugins.protocols import Traits
 from pnp_sci.plugins.resolve import decoder_for
 from pnp_sci.sensing.problem import Problem, level
 from pnp_sci.sensing.scene_model import SceneModel
@@ -50,25 +51,30 @@ _guessed: set[Hashable] = set()  # those of `_seconds` that are from crops
 _warm: set[Hashable] = set()  # decoders that have been loaded
 
 
+def may_decode(traits: Traits, deadline: float | None) -> bool:
+    """Whether "auto" may be a decoder: with a strong prior, unless loading PyTorch for it would take of a deadline."""
+    return traits.strong and (traits.network or deadline is None or "torch" in sys.modules)
+
+
 def first_estimate(
     init: Any,
     problem: Problem,
     scene: SceneModel,
-    strong: bool = False,
+    decode: bool = False,
     device: str | None = None,
     deadline: float | None = None,
 ) -> Start:
     """The start that an `init` argument of :func:`pnp_sci.solve` stands for.
 
-    Beside a `strong` prior "auto" is the quickest decoder, where PyTorch and weights for such masks are installed. A
+    If it may `decode`, "auto" is a quick decoder, where PyTorch and weights for such masks are installed. A
     decoder that takes a `device` runs there. In place of one that would miss the `deadline` comes "adjoint".
     """
     if isinstance(init, str) and init == "auto":
         try:
-            return first_estimate(DECODER if strong else "adjoint", problem, scene, False, device, deadline)
+            return first_estimate(DECODER if decode else "adjoint", problem, scene, False, device, deadline)
         except FormatError:  # weights that are damaged
             raise
-        except (InputError, ImportError):
+        except InputError:  # not installed, or no weights for such masks
             return first_estimate("adjoint", problem, scene)
     if isinstance(init, str) and init == "adjoint":
         return Start(init, level(problem.op, problem.y))

@@ -33,8 +33,17 @@ class Theirs(Prior):
         return FunctionSession(halved)
 
 
-PLAIN = ["tv", "wavelet", "tv+wavelet", halved, Theirs(), TV(), [("tv", 3), (Theirs(), 4)]]
-NAMES = ["tv", "wavelet", "tv+wavelet", "a function", "a third party's", "an object", "stages"]
+PLAIN = [
+    "tv",
+    "wavelet",
+    "tv+wavelet",
+    halved,
+    Theirs(),
+    Theirs(Traits(network=True)),
+    TV(),
+    [("tv", 3), (Theirs(), 4)],
+]
+NAMES = ["tv", "wavelet", "tv+wavelet", "a function", "a third party's", "a weak network", "an object", "stages"]
 
 
 @pytest.fixture(scope="module")
@@ -44,8 +53,8 @@ def case():
 
 
 @pytest.mark.parametrize("prior", PLAIN, ids=NAMES)
-def test_what_is_no_network_says_so_and_starts_from_the_adjoint(prior, case):
-    assert not as_prior(prior).traits(SHAPE).network
+def test_what_is_plain_says_so_and_starts_from_the_adjoint(prior, case):
+    assert not as_prior(prior).traits(SHAPE).strong
     assert pnp_sci.solve(*case, prior, iterations=1).settings["init"] == "adjoint"
 
 

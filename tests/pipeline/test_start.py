@@ -1,5 +1,9 @@
 """The first estimate: by name, as a video, or from a decoder."""
 
+import subprocess
+import sys
+import types
+
 import numpy as np
 import pytest
 
@@ -65,6 +69,36 @@ def test_a_function_sees_the_problem_and_the_scene(scene):
     assert 0.5 < np.quantile(problem.y / scene.masks.sum((0, 1)).clip(1), 0.99) < 1.5
 
 
+@pytest.mark.parametrize(("kind", "loaded", "start"), [
+    ("strong", False, "adjoint"), ("strong", True, "ofanet-fast"), ("strong network", False, "ofanet-fast"),
+])  # fmt: skip
+def test_a_time_budget_is_not_spent_on_loading_torch(scene, monkeypatch, kind, loaded, start):
+    """Unless the prior needs it anyway. Without a budget a strong prior waits for it."""
+    from made_priors import Made
+
+    monkeypatch.setitem(registry._registered["decoders"], "ofanet-fast", lambda: grey)
+    for name in [name for name in sys.modules if name == "torch"]:
+        monkeypatch.delitem(sys.modules, name)
+    if loaded:
+        monkeypatch.setitem(sys.modules, "torch", types.ModuleType("torch"))
+    prior = Made(known=pnp_sci.Traits(strong=True, network="network" in kind))
+    assert solve(scene.y, scene.masks, prior, time_budget=60, iterations=1).settings["init"] == start
+    assert solve(scene.y, scene.masks, prior, iterations=1).settings["init"] == "ofanet-fast"
+
+
+def test_without_torch_strong_priors_start_from_the_adjoint():
+    """In a process that cannot import it; one with a time budget does not even try."""
+    code = (
+        "import sys, pnp_sci; s = pnp_sci.datasets.embedded_scene(48)\n"
+        "r = pnp_sci.solve(s.y, s.masks, 'flow', time_budget=30, iterations=2)\n"
+        "assert r.settings['init'] == 'adjoint'\n"
+        "assert 'torch' not in sys.modules; sys.modules['torch'] = None\n"
+        "for p in ('flow', 'bm3d', 'desci'):\n"
+        "    assert pnp_sci.solve(s.y, s.masks, p, iterations=2).settings['init'] == 'adjoint', p\n"
+    )
+    subprocess.run([sys.executable, "-c", code], check=True)
+
+
 @pytest.mark.parametrize("init", ["adjoint", "grey"])
 def test_settings_name_the_first_estimate(scene, init, monkeypatch):
     monkeypatch.setitem(registry._registered["decoders"], "grey", lambda: grey)
@@ -73,7 +107,7 @@ def test_settings_name_the_first_estimate(scene, init, monkeypatch):
 
 
 def test_damaged_weights_are_told_and_not_passed_over(scene, monkeypatch):
-    """With "auto", a decoder without PyTorch or weights for such masks is left out; a damaged file is an error."""
+    """With "auto", a decoder that has no weights for such masks is left out; one that cannot be read is an error."""
 
     def damaged():
         def decode(problem, scene):
@@ -87,15 +121,11 @@ def test_damaged_weights_are_told_and_not_passed_over(scene, monkeypatch):
 
         return decode
 
-    def missing():
-        raise ImportError("needs PyTorch")
-
     from made_priors import Made
 
     strong = Made(known=pnp_sci.Traits(strong=True))
-    for absent in (unfit, missing):
-        monkeypatch.setitem(registry._registered["decoders"], "ofanet-fast", absent)
-        assert solve(scene.y, scene.masks, strong, iterations=1).settings["init"] == "adjoint"
+    monkeypatch.setitem(registry._registered["decoders"], "ofanet-fast", unfit)
+    assert solve(scene.y, scene.masks, strong, iterations=1).settings["init"] == "adjoint"
     monkeypatch.setitem(registry._registered["decoders"], "ofanet-fast", damaged)
     with pytest.raises(FormatError, match="cannot be read"):
         solve(scene.y, scene.masks, strong, iterations=1)
