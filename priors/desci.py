@@ -89,6 +89,7 @@ class DeSCI(Prior):
     M. Lebrun, A. Buades & J.-M. Morel, "A nonlocal Bayesian image denoising algorithm", SIAM Journal on Imaging
     Sciences 6 (2013).
     T. Kroeger et al., "Fast optical flow using dense inverse search", ECCV 2016.
+    Those of :class:`priors.tv.TV`.
 
     Examples
     --------

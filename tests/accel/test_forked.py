@@ -14,7 +14,7 @@ import pnp_sci
 scene = pnp_sci.datasets.embedded_scene(256)
 
 def work(prior):
-    iterations = 2 if prior == "video" else 62  # a few calls of the prior itself: "video" has no warm-up
+    iterations = 62 if prior == "tv" else 2  # a few calls: strong priors have no warm-up after a decoder
     return pnp_sci.solve(scene.y, scene.masks, prior, iterations=iterations, scene="full").x
 
 if __name__ == "__main__":

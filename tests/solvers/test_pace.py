@@ -36,7 +36,7 @@ def test_a_strong_prior_that_would_miss_the_deadline_is_not_begun():
     paces.pace(
         slow, SensingOperator(datasets.embedded_scene(64).masks), datasets.embedded_scene(64).y, 9
     )  # tried before
-    result = solved(slow, time_budget=0.6)
+    result = solved(slow, init="adjoint", time_budget=0.6)
     assert result.status is Status.TIME_BUDGET
     assert result.history[-1].iteration == 4
 

@@ -191,7 +191,7 @@ def test_a_plan_names_the_members_of_a_joint_prior():
 
 def test_the_result_holds_the_plan_of_each_measurement(scene):
     y = np.stack([scene.y, pnp_sci.simulate(scene.truth, scene.masks, noise=0.1)])
-    result = solve(y, scene.masks, Flow(first=3), iterations=45, tol=0, scene="full")
+    result = solve(y, scene.masks, Flow(first=3), "adjoint", iterations=45, tol=0, scene="full")
     plans = result.settings["plan"]
     assert len(plans) == 2
     for n, plan in enumerate(plans):
