@@ -52,7 +52,7 @@ _warm: set[Hashable] = set()  # decoders that have been loaded
 
 
 def may_decode(traits: Traits, deadline: float | None) -> bool:
-    """Whether "auto" may be a decoder: with a strong prior, unless only it needs PyTorch and a deadline waits."""
+    """Whether "auto" may be a decoder: with a strong prior, but no deadline is spent on PyTorch for it alone."""
     return traits.strong and (traits.network or deadline is None or "torch" in sys.modules)
 
 
@@ -66,7 +66,7 @@ def first_estimate(
 ) -> Start:
     """The start that an `init` argument of :func:`pnp_sci.solve` stands for.
 
-    With `decode` "auto" is a quick decoder, where PyTorch and weights for such masks are installed. A decoder that takes
+    With `decode` "auto" is a quick decoder, where PyTorch and weights for such masks are installed. A decoder with
     a `device` runs there. In place of one that would miss the `deadline` comes "adjoint".
     """
     if isinstance(init, str) and init == "auto":
