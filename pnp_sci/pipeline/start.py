@@ -66,7 +66,7 @@ def first_estimate(
 ) -> Start:
     """The start that an `init` argument of :func:`pnp_sci.solve` stands for.
 
-    With `decode` "auto" is a quick decoder, where PyTorch and weights for such masks are installed. A decoder with
+    With `decode` "auto" is a quick decoder, where PyTorch and weights for such masks are installed. One that takes
     a `device` runs there. In place of one that would miss the `deadline` comes "adjoint".
     """
     if isinstance(init, str) and init == "auto":
