@@ -101,7 +101,9 @@ class Flow(Prior):
         """Strong after total variation; estimates change with the motion and the groups."""
         if shape[1] > 1 and not may_show_motion(shape):
             return Traits()
-        return Traits(strong=True, warmup=(TV(still=self.still), self.first), serves_below=TUNED.loud, average=True)
+        first = TV(still=self.still), self.first
+        motion = may_show_motion(shape)
+        return Traits(strong=True, warmup=first, serves_below=TUNED.loud, average=True, motion=motion)
 
     def begin(self, shape: tuple[int, ...], dtype: np.dtype) -> Session:
         """A session without motion; of BM3D for single frames, of total variation for small ones."""

@@ -74,8 +74,9 @@ class Video(Prior):
 
     def traits(self, shape: tuple[int, ...]) -> Traits:
         """A strong network; estimates change with the motion."""
-        average = shape[1] == 1 or may_show_motion(shape)
-        return Traits(strong=True, network=True, warmup=(TV(), self.first), average=average)
+        motion = may_show_motion(shape)
+        average = shape[1] == 1 or motion
+        return Traits(strong=True, network=True, warmup=(TV(), self.first), average=average, motion=motion)
 
     def begin(self, shape: tuple[int, ...], dtype: np.dtype) -> Session:
         """A session with the networks loaded, without motion."""

@@ -108,6 +108,7 @@ class Joint(Prior):
             warmup=max(warmups, key=lambda warmup: warmup[1], default=None),
             serves_below=min(traits.serves_below for traits in each),
             average=any(traits.average for traits in each),
+            motion=any(traits.motion for traits in each),
         )
 
     def begin(self, shape: tuple[int, ...], dtype: np.dtype) -> Session:
@@ -153,12 +154,15 @@ class Turn:
         Largest sigma that it serves; above it the turn before goes on.
     average : bool
         Whether the estimates of its calls are averaged.
+    motion : bool
+        Whether frames are displaced before its calls where the data say so.
     """
 
     prior: Prior
     begins: int = 0
     below: float = float("inf")
     average: bool = False
+    motion: bool = False
 
 
 @dataclass(frozen=True)
@@ -216,10 +220,11 @@ def turns(prior: Prior, shape: tuple[int, ...], warm: bool = True) -> tuple[Turn
             begins += calls
         return tuple(found)
     traits = prior.traits(shape)
+    own = Turn(prior, below=traits.serves_below, average=traits.average, motion=traits.motion)
     if not warm or traits.warmup is None or traits.warmup[1] == 0:
-        return (Turn(prior, below=traits.serves_below, average=traits.average),)
+        return (own,)
     first, calls = traits.warmup
-    return Turn(first), Turn(prior, calls, traits.serves_below, traits.average)
+    return Turn(first), replace(own, begins=calls)
 
 
 def serving(order: Sequence[Turn], call: int, sigma: float) -> int:
@@ -237,6 +242,10 @@ class InTurn(Session):
         self.order, self.calls, self.now = order, 0, 0
         # all begin now: what cannot is told at once
         self.sessions = [begun(turn.prior, shape, dtype, device) for turn in order]
+
+    def due(self, sigma: float) -> Turn:
+        """Whose turn the next call is, with this sigma."""
+        return self.order[serving(self.order, self.calls, sigma)]
 
     def __call__(self, v: np.ndarray, sigma: float, out: np.ndarray | None = None) -> np.ndarray:
         """Denoise with the prior whose turn it is."""

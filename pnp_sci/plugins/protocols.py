@@ -30,6 +30,9 @@ class Traits:
         Standard deviation above which the warm-up prior, if it has served, goes on, in units where x spans [0, 1].
     average : bool
         The estimates fluctuate from call to call: the solver returns their mean.
+    motion : bool
+        It averages frames along a motion that it finds in them. Before each call the solver displaces frames where the
+        data say so, see :mod:`pnp_sci.solvers.displacement`.
     """
 
     strong: bool = False
@@ -37,6 +40,7 @@ class Traits:
     warmup: tuple[Prior, int] | None = None
     serves_below: float = float("inf")
     average: bool = False
+    motion: bool = False
 
 
 @runtime_checkable

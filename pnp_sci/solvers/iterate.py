@@ -11,13 +11,13 @@ import numpy as np
 from pnp_sci._validate import finite_number, instance, one_of, shaped
 from pnp_sci.accel.arrays import like
 from pnp_sci.plugins.combine import InTurn, turns
-from pnp_sci.plugins.protocols import Session
 from pnp_sci.plugins.resolve import as_prior
 from pnp_sci.sensing.operator import SensingOperator
 from pnp_sci.solvers.admm import admm_step
+from pnp_sci.solvers.displacement import displace
 from pnp_sci.solvers.gap import gap_step, plain_gap_step
 from pnp_sci.solvers.schedule import Schedule, schedule_for
-from pnp_sci.solvers.state import Array, Denoise, Operator, State, Step, start
+from pnp_sci.solvers.state import Array, Operator, State, Step, start
 
 ALGORITHMS: dict[str, Step] = {"gap": gap_step, "plain-gap": plain_gap_step, "admm": admm_step}
 
@@ -84,34 +84,33 @@ def iterate(
 def states(
     op: Operator,
     y: Array,
-    session: Session,
+    session: InTurn,
     x: Array,
     step: Step,
     schedule: Schedule,
     saturated: Array | None = None,
 ) -> Iterator[State]:
     """The iterates of :func:`iterate`, with a session of the prior and a schedule."""
-    denoise = _in_place(session)
+    gram = float(op.gram.mean())
     state = start(op, y, x)
     del x  # as large as all that a step needs
+
+    def denoise(v: Array, sigma: float) -> Array:
+        """Overwrites v, the solver's own, whatever array the session returns, so that a prior may reuse its buffers.
+
+        Values that are not finite are left to the guard.
+        """
+        if session.due(sigma).motion and sigma > 0:
+            mean = rho if isinstance(rho, (int, float)) else float(rho.mean())
+            displace(state.x, v, sigma + (mean / gram if gram > 0 else 0.0))
+        x = session(v, sigma, out=v)
+        if x is not v:
+            v[...] = like("what the prior returns", x, v)
+        return v
+
     while True:
         yield state
         sigma, rho = schedule.at(state.iteration)
         if state.iteration and sigma != state.sigma:  # what the solver has accumulated is in units of sigma
             state = replace(state, dual=state.dual * (sigma / state.sigma))
         state = step(op, y, denoise, state, sigma, rho, saturated)
-
-
-def _in_place(session: Session) -> Denoise:
-    """A denoiser that overwrites its argument, the solver's own v, whatever array the session returns.
-
-    So a prior may reuse its buffers. Values that are not finite are left to the guard.
-    """
-
-    def denoise(v: Array, sigma: float) -> Array:
-        x = session(v, sigma, out=v)
-        if x is not v:
-            v[...] = like("what the prior returns", x, v)
-        return v
-
-    return denoise

@@ -11,7 +11,7 @@ import numba
 import numpy as np
 
 from pnp_sci.accel.arrays import length
-from pnp_sci.plugins.combine import FunctionPrior, Joint, begun
+from pnp_sci.plugins.combine import FunctionPrior, InTurn, Joint, turns
 from pnp_sci.plugins.mosaic import Mosaicked
 from pnp_sci.plugins.protocols import Prior
 from pnp_sci.plugins.torch_module import TorchPrior
@@ -104,7 +104,7 @@ def _tried(prior: Prior, op: SensingOperator, y: np.ndarray, backend: Backend) -
 
 
 def _timed(prior: Prior, op: SensingOperator, y: np.ndarray, backend: Backend) -> Pace:
-    session = begun(prior, op.shape, op.dtype, backend.device)
+    session = InTurn(turns(prior, op.shape, warm=False), op.shape, op.dtype, backend.device)
     given, x = backend.put(y), backend.put(level(op, y))
     course = states(backend.operator(op), given, session, x, gap_step, schedule_for(op, 0.0))
     next(course)

@@ -21,6 +21,11 @@ class Operator(Protocol):
         """(V, B, H, W)."""
         ...
 
+    @property
+    def gram(self) -> Array:
+        """The diagonal of Phi Phi^T, as y."""
+        ...
+
     def forward(self, x: Array) -> Array:
         """Phi x."""
         ...
