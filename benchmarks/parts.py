@@ -21,6 +21,7 @@ import numpy as np
 
 import pnp_sci
 from pnp_sci.pipeline import measurement
+from pnp_sci.solvers import iterate
 from pnp_sci.solvers.averaging import RunningMean
 from pnp_sci.training.clips import load_clips, split
 from priors import flow
@@ -60,6 +61,10 @@ def without_averaging(_):
     return mock.patch.object(RunningMean, "__call__", lambda _, state, averages: state)
 
 
+def without_displacement(_):
+    return mock.patch.object(iterate, "displace", lambda *_: None)
+
+
 @contextmanager
 def without_finish(_):
     unchanged = {"finished": lambda x, *_: x}
@@ -84,6 +89,10 @@ def with_true_motion(truth):
 PARTS = {
     "averaging-video": (without_averaging, "video", QUIET),
     "averaging-flow": (without_averaging, "flow", QUIET),
+    "displacement-video": (without_displacement, "video", QUIET),
+    "displacement-flow": (without_displacement, "flow", QUIET),
+    "displacement-video-noise": (without_displacement, "video", NOISES),
+    "displacement-flow-noise": (without_displacement, "flow", NOISES),
     "finish-video": (without_finish, "video", QUIET),
     "finish-flow": (without_finish, "flow", QUIET),
     "true-motion": (with_true_motion, "video", QUIET),

@@ -1,0 +1,172 @@
+"""Displacement of frames by the pull of the data."""
+
+import itertools
+
+import numpy as np
+import pytest
+from made_priors import Made
+from scipy.ndimage import gaussian_filter, uniform_filter
+
+import pnp_sci
+from pnp_sci import SensingOperator, datasets
+from pnp_sci.plugins.protocols import Traits
+from pnp_sci.solvers import iterate
+from pnp_sci.solvers.displacement import FARTHEST, REACH, TUNED, WINDOW, displace
+
+
+def texture(shape=(2, 3, 64, 80), dtype=np.float64):
+    """Smooth random frames of standard deviation 0.2."""
+    x = gaussian_filter(np.random.default_rng(0).standard_normal(shape), (0, 0, 2, 2))
+    return (0.5 + 0.2 * x / x.std()).astype(dtype)
+
+
+def white(shape, seed=1):
+    return np.random.default_rng(seed).standard_normal(shape)
+
+
+def slopes(x):
+    padded = np.pad(x, ((0, 0), (0, 0), (1, 1), (1, 1)), mode="edge")
+    return (padded[..., 2:, 1:-1] - padded[..., :-2, 1:-1]) / 2, (padded[..., 1:-1, 2:] - padded[..., 1:-1, :-2]) / 2
+
+
+def moved(x, v, noise):
+    """What is added to v."""
+    after = v.copy()
+    displace(x, after, noise)
+    return after - v
+
+
+def reference(x, v, noise):
+    """The same by a linear system for each block, with the filters of scipy; height and width are even."""
+    down, across = slopes(x)
+
+    def mean(a):
+        blocks = a.reshape(*a.shape[:2], a.shape[2] // 2, 2, a.shape[3] // 2, 2).mean((3, 5))
+        for _ in range(2):
+            blocks = uniform_filter(blocks, (1, 1, 2 * REACH + 1, 2 * REACH + 1), mode="nearest")
+        return blocks
+
+    gradient = np.stack([down, across], -1)
+    outer = np.stack([np.stack([mean(a * b) for b in (down, across)], -1) for a in (down, across)], -2)
+    outer += noise**2 / (WINDOW * TUNED.expected**2) * np.eye(2)
+    pull = np.stack([mean(a * (v - x)) for a in (down, across)], -1)
+    d = np.linalg.solve(outer, pull[..., None])[..., 0]
+    d /= np.maximum(np.linalg.norm(d, axis=-1, keepdims=True) / FARTHEST, 1)
+    return (gradient * d.repeat(2, 2).repeat(2, 3)).sum(-1)
+
+
+def test_it_solves_the_equations_of_lucas_and_kanade():
+    x = texture()
+    v = x + 0.1 * white(x.shape) + 0.3 * slopes(x)[0]
+    np.testing.assert_allclose(moved(x, v, 0.05), reference(x, v, 0.05), atol=1e-12)
+
+
+def test_a_displacement_is_found_in_noise():
+    x = texture()
+    pull = 0.3 * slopes(x)[0] - 0.2 * slopes(x)[1]
+    found = moved(x, x + pull + 0.05 * white(x.shape), 0.05)
+    assert pull.std() < 0.05, "the noise is stronger than what is looked for"
+    assert np.corrcoef(found.ravel(), pull.ravel())[0, 1] > 0.95
+    assert 0.7 < np.vdot(found, pull) / np.vdot(pull, pull) < 1
+
+
+def test_noise_alone_displaces_little():
+    x = texture()
+    assert moved(x, x + 0.05 * white(x.shape), 0.05).std() < 0.1 * 0.05
+
+
+def test_more_noise_is_believed_less():
+    x = texture()
+    pull = 0.3 * slopes(x)[0]
+    found = [np.vdot(moved(x, x + pull, noise), pull) / np.vdot(pull, pull) for noise in (0.0, 0.05, 0.2, 1.0)]
+    assert found[0] == pytest.approx(1, abs=1e-6)
+    assert found == sorted(found, reverse=True)
+    assert found[-1] < 0.1
+
+
+def test_a_displacement_has_a_bound():
+    x = texture()
+    added = moved(x, x + 100 * slopes(x)[1], 0.01)
+    assert np.all(np.abs(added) <= FARTHEST * np.hypot(*slopes(x)) * (1 + 1e-9))
+
+
+def test_frames_do_not_influence_each_other():
+    x = texture()
+    v = x + 0.1 * white(x.shape)
+    together = moved(x, v, 0.05)
+    alone = moved(x[1:, 2:], v[1:, 2:], 0.05)
+    np.testing.assert_allclose(together[1:, 2:], alone, atol=1e-14)
+
+
+@pytest.mark.parametrize("shape", [(1, 1, 1, 1), (1, 2, 1, 9), (2, 2, 7, 5)])
+@pytest.mark.parametrize("noise", [0.0, 0.05])
+def test_flat_frames_of_any_size_stay_as_they_are(shape, noise):
+    x = np.full(shape, 0.3, np.float32)
+    v = x + white(shape).astype(np.float32)
+    assert np.array_equal(moved(x, v, noise), np.zeros(shape))
+
+
+@pytest.mark.parametrize("shape", [(2, 3, 64, 80), (1, 2, 33, 47), (1, 1, 2, 3)])
+@pytest.mark.parametrize("dtype", [np.float32, np.float64])
+def test_tensors_are_displaced_as_arrays_are(shape, dtype):
+    torch = pytest.importorskip("torch")
+    x = texture(shape, dtype)
+    v = (x + 0.1 * white(shape)).astype(dtype)
+    tensor = torch.tensor(v)
+    displace(torch.tensor(x), tensor, 0.05)
+    np.testing.assert_allclose(tensor.numpy() - v, moved(x, v, 0.05), atol=1e-6 if dtype == np.float32 else 1e-14)
+
+
+@pytest.fixture(scope="module")
+def scene():
+    return datasets.embedded_scene(64)
+
+
+def seen(scene, **options):
+    """What a prior gets in three calls; its traits and sigma are options."""
+    got, sigma = [], options.pop("sigma", 0.05)
+
+    def call(v, sigma):
+        got.append(v.copy())
+        return gaussian_filter(v, (0, 0, 1, 1))
+
+    op = SensingOperator(scene.masks)
+    prior = Made(call, known=Traits(**options))
+    states = pnp_sci.iterate(op, scene.y, prior, scene.truth.astype(np.float32), sigma=sigma)
+    return got, [state.x.copy() for state in itertools.islice(states, 4)]
+
+
+def test_only_priors_that_follow_motion_get_displaced_frames(scene):
+    (plain, _), (followed, _) = seen(scene), seen(scene, motion=True)
+    assert not np.array_equal(plain[1], followed[1])
+
+
+def test_a_prior_gets_what_the_step_has_made_displaced(scene):
+    followed, estimates = seen(scene, motion=True)
+    plain, _ = seen(scene)
+    x, v = estimates[0], plain[0].copy()
+    displace(x, v, 0.05)
+    np.testing.assert_allclose(followed[0], v, atol=1e-7)
+
+
+def test_nothing_is_displaced_where_nothing_is_denoised(scene):
+    (plain, _), (followed, _) = seen(scene, sigma=0.0), seen(scene, sigma=0.0, motion=True)
+    assert all(map(np.array_equal, plain, followed))
+
+
+def test_a_warm_up_gets_none(scene, monkeypatch):
+    calls = []
+    monkeypatch.setattr(iterate, "displace", lambda *_: calls.append(1))
+    seen(scene, motion=True, warmup=(Made(), 2))
+    assert len(calls) == 1
+
+
+@pytest.mark.parametrize("algorithm", ["gap", "admm"])
+def test_flow_gains(scene, monkeypatch, algorithm):
+    def solved():
+        x = pnp_sci.solve(scene.y, scene.masks, "flow", init="adjoint", algorithm=algorithm, scene="full").x
+        return np.mean(pnp_sci.psnr(x, scene.truth))
+
+    with_it = solved()
+    monkeypatch.setattr(iterate, "displace", lambda *_: None)
+    assert with_it > solved()
