@@ -25,7 +25,11 @@ import numpy as np
 ROOT = Path(__file__).parents[1]
 PAGES = ROOT / "docs" / "calibration"
 SIZE = 128  # pixels per side of a case
-OPTIONS = {"priors.flow.Flow": ("tolerance",), "pnp_sci.api.solve": ("tol",)}  # numbers that are options
+OPTIONS = {  # numbers that are options
+    "priors.flow.Flow": ("tolerance", "renew"),
+    "priors.video.Video": ("renew",),
+    "pnp_sci.api.solve": ("tol",),
+}
 DEFAULTS = {  # options whose defaults are tuned numbers
     "priors.tv.warmup": tuple(
         f"priors.{p}.first" for p in ("bm3d.BM3D", "flow.Flow", "desci.DeSCI", "ffdnet.FFDNet", "video.Video")
@@ -38,6 +42,7 @@ FAST, STRONG = ("tv", "flow"), ("flow", "video")
 SERVES = {
     "pnp_sci.solvers.schedule": (FAST, "noise"),
     "pnp_sci.solvers.gap": (FAST, "moving noise"),
+    "pnp_sci.solvers.displacement": (STRONG, "moving noise"),
     "pnp_sci.solvers.effort": (STRONG, "moving noise"),
     "pnp_sci.solvers.stopping": (("tv",), "moving noise"),
     "pnp_sci.api": (("tv",), "moving noise"),

@@ -251,7 +251,7 @@ class _Task:
 
     def score(self, method: Method) -> float:
         """The held-back score; noise and scene are those of all pixels, equal for all methods."""
-        prior = prior_for(method.effort)[0] if method.prior == "auto" else method.prior
+        prior = prior_for(method.effort) if method.prior == "auto" else method.prior
         strong = as_prior(prior).traits(self.planes.shape).strong
         known = {"init": filled_start(method.init, strong), "noise": self.sensor, "scene": self.scene}
         settings = method.arguments() | self.common | known

@@ -24,7 +24,7 @@ OURS = (
     Method("tv+ffdnet"),
     Method("desci"),
     Method("video"),  # "auto" with the default effort
-    Method("auto", effort="best"),
+    Method("video", effort="best"),  # "auto" with effort="best"
     Method(None, init="ofanet-fast"),
     Method(None, init="ofanet"),
     Method(None, init="unet"),

@@ -130,11 +130,9 @@ def check_request(
     instance("register", register, bool, Registration)
     counted = effort
     if isinstance(prior, str) and prior == "auto":
-        if time_budget is None:
-            prior, options = prior_for(effort)
-            prior_options = options | prior_options
-        else:
-            prior, counted = prior_within(time_budget / count / (1 + uncertainty), op.shape), "best"
+        within = time_budget is not None
+        prior = prior_within(time_budget / count / (1 + uncertainty), op.shape) if within else prior_for(effort)
+        counted = "best" if within else effort
     if getattr(init, "ndim", 0) == 5 and len(init) != count:
         raise InputError(f"init has shape {init.shape}: one video, or {count} as there are measurements, was expected")
     made = as_prior(prior, device=device, seed=seed, **prior_options)
