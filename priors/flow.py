@@ -65,7 +65,7 @@ class Flow(Prior):
     still : bool
         Whether pixels that stand still are averaged over all frames.
     renew : int
-        Calls from one measurement of the motion to the next, >= 1. With 2 instead of 4 a run takes 1.3 times the time.
+        Calls from one measurement of the motion to the next, >= 1.
     displace : bool
         Whether the solver displaces frames before each call where the data say so.
 
@@ -76,6 +76,8 @@ class Flow(Prior):
 
     References
     ----------
+    B. D. Lucas & T. Kanade, "An iterative image registration technique with an application to stereo vision", IJCAI
+    1981.
     T. Kroeger et al., "Fast optical flow using dense inverse search", ECCV 2016.
     A. Buades, J.-L. Lisani & M. Miladinovic, "Patch-based video denoising with optical flow estimation", TIP 2016.
     Those of :class:`priors.bm3d.BM3D` and :class:`priors.tv.TV`.
@@ -108,7 +110,7 @@ class Flow(Prior):
         if shape[1] > 1 and not may_show_motion(shape):
             return Traits()
         first = TV(still=self.still), self.first
-        motion = self.displace and may_show_motion(shape)
+        motion = self.displace and shape[1] > 1
         return Traits(strong=True, warmup=first, serves_below=TUNED.loud, average=True, motion=motion)
 
     def begin(self, shape: tuple[int, ...], dtype: np.dtype) -> Session:

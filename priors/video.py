@@ -46,7 +46,7 @@ class Video(Prior):
     first : int
         Calls at the beginning of a video that are left to total variation, >= 0.
     renew : int
-        Calls from one measurement of the motion to the next, >= 1. With 2 instead of 4 a run takes 1.3 times the time.
+        Calls from one measurement of the motion to the next, >= 1.
 
     Raises
     ------
@@ -57,6 +57,8 @@ class Video(Prior):
     ----------
     K. Zhang, W. Zuo & L. Zhang, "FFDNet: toward a fast and flexible solution for CNN-based image denoising", IEEE TIP
     27 (2018).
+    B. D. Lucas & T. Kanade, "An iterative image registration technique with an application to stereo vision", IJCAI
+    1981.
     M. Tassano, J. Delon & T. Veit, "DVDnet: a fast network for deep video denoising", ICIP 2019.
 
     Examples

@@ -245,13 +245,16 @@ class InTurn(Session):
 
     def due(self, sigma: float) -> Turn:
         """Whose turn the next call is, with this sigma."""
-        return self.order[serving(self.order, self.calls, sigma)]
+        return self.order[self._place(sigma)]
 
     def __call__(self, v: np.ndarray, sigma: float, out: np.ndarray | None = None) -> np.ndarray:
         """Denoise with the prior whose turn it is."""
-        self.now = serving(self.order, self.calls, sigma)
+        self.now = self._place(sigma)
         self.calls += 1
         return self.sessions[self.now](v, sigma, out)
+
+    def _place(self, sigma: float) -> int:
+        return serving(self.order, self.calls, sigma)
 
     def finish(self, x: np.ndarray, sigma: float) -> np.ndarray:
         """Finish with the prior that has served last."""

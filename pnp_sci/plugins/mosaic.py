@@ -44,8 +44,8 @@ class Mosaicked(Prior):
     mosaic: Mosaic
 
     def traits(self, shape: tuple[int, ...]) -> Traits:
-        """Those of the prior; so is its warm-up."""
-        traits = self.prior.traits(shape)
+        """Those of the prior, as is its warm-up; but frames in planes, which have seams, are not displaced."""
+        traits = replace(self.prior.traits(shape), motion=False)
         if traits.warmup is None:
             return traits
         first, calls = traits.warmup

@@ -21,7 +21,10 @@ SMALLEST = 32  # pixels a side: smaller pictures show no motion
 
 @dataclass(frozen=True)
 class JudgeNumbers(Tuned):
-    """Options of the careful prior: averages of few frames leave a moving scene its motion."""
+    """Options of the careful prior: averages of few frames leave a moving scene its motion.
+
+    Frames are not displaced, as the limits of the judge were found without that.
+    """
 
     neighbours: int = 2  # frames either side that help a frame
     tolerance: float = 3.0  # difference at which one of them counts 1/e, in units of sigma

@@ -2,8 +2,9 @@
 
 A prior that averages along the motion keeps content where it is, also if it is wrong there by a fraction of a pixel.
 The data then pull at the estimate x, call after call, by ``b = v - x``. To a prior b looks like noise, most of which it
-removes. But a pull that displaces the content by d is ``b = d . grad x``, with nearly the same d in all pixels of a
+removes. But a pull that displaces the content by -d is ``b = d . grad x``, with nearly the same d in all pixels of a
 small window, and that can be found in noise. Each frame is displaced by the most probable d before the prior is called.
+Record 20 in docs/decisions has the measurements behind it.
 """
 
 from __future__ import annotations
@@ -18,8 +19,11 @@ from pnp_sci.accel.jit import device_function, kernel
 from pnp_sci.solvers.state import Array
 
 REACH = 2  # blocks of 2 x 2 pixels: half width of a box; applied twice, about a Gaussian of 4 pixels
-WINDOW = 4 * np.pi * 4**2  # pixels: what a mean weighted by that Gaussian divides the variance of white noise by
-FARTHEST = 1.0  # pixels: largest displacement in one call, as far as the gradient of x may be trusted
+VARIANCE = 2 / 3 * ((2 * REACH + 1) ** 2 - 1)  # squared pixels: of the two boxes
+WINDOW = 4 * np.pi * VARIANCE  # pixels: a mean weighted by such a Gaussian divides the variance of white noise by it
+FARTHEST = 1.0  # pixels: largest displacement in one call; the gradient of x holds no farther
+FAINT = 1e-4  # sigma below which priors return frames as they are
+LOUDEST = 1.0  # largest noise: the range of x
 
 
 @dataclass(frozen=True)
@@ -47,11 +51,11 @@ def displace(x: Array, v: Array, noise: float) -> None:
     noise : float
         Standard deviation of what v - x holds beside a displacement, in the same units.
     """
-    ridge = noise**2 / (WINDOW * TUNED.expected**2)
+    ridge = min(noise, LOUDEST) ** 2 / (WINDOW * TUNED.expected**2)
     if not isinstance(x, np.ndarray):
-        from pnp_sci.solvers.displacement_tensors import displace as displace_tensors
+        from pnp_sci.solvers.torch_displacement import displace_tensors
 
-        displace_tensors(x, v, ridge, REACH, FARTHEST)
+        displace_tensors(x, v, ridge)
         return
     planes = (-1, *x.shape[2:])
     _displace(x.reshape(planes), v.reshape(planes), x.dtype.type(ridge))

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from dataclasses import replace
+from functools import partial
 from typing import Any
 
 import numpy as np
@@ -14,7 +15,7 @@ from pnp_sci.plugins.combine import InTurn, turns
 from pnp_sci.plugins.resolve import as_prior
 from pnp_sci.sensing.operator import SensingOperator
 from pnp_sci.solvers.admm import admm_step
-from pnp_sci.solvers.displacement import displace
+from pnp_sci.solvers.displacement import FAINT, displace
 from pnp_sci.solvers.gap import gap_step, plain_gap_step
 from pnp_sci.solvers.schedule import Schedule, schedule_for
 from pnp_sci.solvers.state import Array, Operator, State, Step, start
@@ -91,26 +92,28 @@ def states(
     saturated: Array | None = None,
 ) -> Iterator[State]:
     """The iterates of :func:`iterate`, with a session of the prior and a schedule."""
-    gram = float(op.gram.mean())
+    gram, product = float(op.gram.mean()), schedule.product
+    in_x = (product if isinstance(product, (int, float)) else float(product.mean())) / gram if gram > 0 else 0.0
     state = start(op, y, x)
     del x  # as large as all that a step needs
-
-    def denoise(v: Array, sigma: float) -> Array:
-        """Overwrites v, the solver's own, whatever array the session returns, so that a prior may reuse its buffers.
-
-        Values that are not finite are left to the guard.
-        """
-        if session.due(sigma).motion and sigma > 0:
-            mean = rho if isinstance(rho, (int, float)) else float(rho.mean())
-            displace(state.x, v, sigma + (mean / gram if gram > 0 else 0.0))
-        x = session(v, sigma, out=v)
-        if x is not v:
-            v[...] = like("what the prior returns", x, v)
-        return v
-
     while True:
         yield state
         sigma, rho = schedule.at(state.iteration)
         if state.iteration and sigma != state.sigma:  # what the solver has accumulated is in units of sigma
             state = replace(state, dual=state.dual * (sigma / state.sigma))
-        state = step(op, y, denoise, state, sigma, rho, saturated)
+        state = step(op, y, partial(_denoised, session, state.x, in_x), state, sigma, rho, saturated)
+
+
+def _denoised(session: InTurn, x: Array, in_x: float, v: Array, sigma: float) -> Array:
+    """The solver's own v, overwritten by what the session returns, so that a prior may reuse its buffers.
+
+    For a prior that follows motion, v is displaced first, as it pulls at the estimate x. It holds noise that the prior
+    is to remove, sigma, and that of y: rho / gram, with `in_x` the mean of sigma * rho / gram. Values that are not
+    finite are left to the guard.
+    """
+    if sigma >= FAINT and session.due(sigma).motion:
+        displace(x, v, sigma + in_x / sigma)
+    denoised = session(v, sigma, out=v)
+    if denoised is not v:
+        v[...] = like("what the prior returns", denoised, v)
+    return v

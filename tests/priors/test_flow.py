@@ -8,6 +8,7 @@ import pnp_sci
 from pnp_sci import datasets, denoise
 from pnp_sci.errors import InputError
 from pnp_sci.plugins.combine import InTurn, turns
+from priors import flow
 from priors.flow import Flow
 from priors.motion import measure as motion
 from priors.tv import TV
@@ -156,11 +157,21 @@ def test_any_sigma_once_motion_is_used(moving, sigma, kind):
 
 
 @pytest.mark.parametrize(
-    "option", [{"neighbours": 0}, {"neighbours": 1.5}, {"tolerance": 0}, {"drift": -1}, {"first": 1.5}]
+    "option", [{"neighbours": 0}, {"neighbours": 1.5}, {"tolerance": 0}, {"drift": -1}, {"first": 1.5}, {"renew": 0}]
 )
 def test_errors_name_the_option(option):
     with pytest.raises(InputError, match=next(iter(option))):
         Flow(**option)
+
+
+@pytest.mark.parametrize(("renew", "searches"), [(1, 6), (2, 3), (5, 2)])
+def test_the_motion_is_measured_in_every_so_many_calls(moving, monkeypatch, renew, searches):
+    calls, own = [], flow.seen
+    monkeypatch.setattr(flow, "seen", lambda *given: calls.append(1) or own(*given))
+    session = begun(Flow(first=0, renew=renew), moving)
+    for _ in range(6):
+        session(moving, 0.05)
+    assert len(calls) == searches
 
 
 def test_noise_becomes_weaker_along_the_motion(moving):

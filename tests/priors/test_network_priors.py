@@ -9,6 +9,7 @@ from pnp_sci.errors import DataUnavailableError, InputError
 from pnp_sci.plugins.combine import turns
 from priors.ffdnet import FFDNet
 from priors.flow import Flow
+from priors.networks import along_motion
 from priors.tv import TV
 from priors.video import Video
 
@@ -44,6 +45,23 @@ def test_a_later_stage_begins_with_the_network():
 def test_an_unfit_first_is_named(kind, first):
     with pytest.raises(InputError, match=r"first is.*>= 0"):
         kind(first=first)
+
+
+@pytest.mark.parametrize("renew", [0, 2.5])
+def test_an_unfit_renew_is_named(renew):
+    with pytest.raises(InputError, match=r"renew is.*>= 1"):
+        Video(renew=renew)
+
+
+@pytest.mark.parametrize("renew", [1, 3])
+def test_the_motion_is_measured_in_every_so_many_calls(monkeypatch, renew):
+    calls, own = [], along_motion.see
+    monkeypatch.setattr(along_motion, "see", lambda *given: calls.append(1) or own(*given))
+    x = datasets.embedded_scene(32).truth.astype(np.float32)
+    session = Video(renew=renew).begin(x.shape, x.dtype)
+    for _ in range(6):
+        session(x, 0.05)
+    assert len(calls) == 6 // renew
 
 
 def test_a_network_from_the_start_keeps_blacks_and_whites():

@@ -97,14 +97,14 @@ def test_flow_may_find_a_still_scene_that_tv_leaves_open(monkeypatch, scene, sti
 
 
 def test_what_is_compared_finds_nothing_still_by_itself(monkeypatch, scene, still):
-    """Neither TV nor flow may, or both models would show the same."""
+    """Neither TV nor flow may, or both models would show the same; and the limits are those of flow as it is here."""
     made = []
 
     def recorded(prior):
         class Recorded(prior):
             def __post_init__(self):
                 super().__post_init__()
-                made.append((prior, self.still))
+                made.append((prior, self.still, getattr(self, "displace", False), getattr(self, "renew", None)))
 
         return Recorded
 
@@ -112,7 +112,7 @@ def test_what_is_compared_finds_nothing_still_by_itself(monkeypatch, scene, stil
     own = {"tv": recorded(TV), "flow": recorded(Flow)}
     monkeypatch.setattr(registry, "installed", lambda kind, name: own[name])
     assert solve(y, scene.masks, "bm3d", iterations=1).scene["still"]
-    assert set(made) == {(TV, False), (Flow, False)}
+    assert set(made) == {(TV, False, False, None), (Flow, False, False, 4)}
 
 
 @pytest.mark.parametrize("noise", [0.05, 0.1])

@@ -9,9 +9,17 @@ from scipy.ndimage import gaussian_filter, uniform_filter
 
 import pnp_sci
 from pnp_sci import SensingOperator, datasets
+from pnp_sci.plugins.combine import Joint
+from pnp_sci.plugins.mosaic import Mosaicked
 from pnp_sci.plugins.protocols import Traits
 from pnp_sci.solvers import iterate
+from pnp_sci.solvers.backend import NUMBA
 from pnp_sci.solvers.displacement import FARTHEST, REACH, TUNED, WINDOW, displace
+from pnp_sci.solvers.gap import gap_step
+from pnp_sci.solvers.schedule import schedule_for
+from priors.flow import Flow
+
+GAIN = 0.05  # dB on the embedded scene, at least
 
 
 def texture(shape=(2, 3, 64, 80), dtype=np.float64):
@@ -122,36 +130,86 @@ def scene():
     return datasets.embedded_scene(64)
 
 
-def seen(scene, **options):
-    """What a prior gets in three calls; its traits and sigma are options."""
-    got, sigma = [], options.pop("sigma", 0.05)
+def blurred(got):
+    """A function that keeps what it is called with."""
 
     def call(v, sigma):
         got.append(v.copy())
         return gaussian_filter(v, (0, 0, 1, 1))
 
+    return call
+
+
+def seen(scene, sigma=0.05, noise=0.0, join=False, **options):
+    """What a prior gets in three calls; its traits are options."""
+    got = []
+    prior = Made(blurred(got), known=Traits(**options))
     op = SensingOperator(scene.masks)
-    prior = Made(call, known=Traits(**options))
-    states = pnp_sci.iterate(op, scene.y, prior, scene.truth.astype(np.float32), sigma=sigma)
+    start = scene.truth.astype(np.float32)
+    prior = Joint([prior, Made()]) if join else prior
+    states = pnp_sci.iterate(op, scene.y, prior, start, sigma=sigma, noise=noise)
     return got, [state.x.copy() for state in itertools.islice(states, 4)]
 
 
-def test_only_priors_that_follow_motion_get_displaced_frames(scene):
-    (plain, _), (followed, _) = seen(scene), seen(scene, motion=True)
-    assert not np.array_equal(plain[1], followed[1])
+@pytest.mark.parametrize("noise", [0.0, 0.3, "of each pixel"])
+@pytest.mark.parametrize("join", [False, True])
+def test_a_prior_that_follows_motion_gets_displaced_frames(scene, monkeypatch, noise, join):
+    made, own = [], iterate.displace
+
+    def kept(x, v, noise):
+        made.append((x.copy(), v.copy(), noise))
+        own(x, v, noise)
+
+    monkeypatch.setattr(iterate, "displace", kept)
+    of_y = np.linspace(0.1, 0.5, scene.y.size).reshape(scene.y.shape) if noise == "of each pixel" else noise
+    got, estimates = seen(scene, noise=of_y, motion=True, join=join)
+    op = SensingOperator(scene.masks)
+    _, rho = schedule_for(op, of_y, 0.05).at(0)
+    assert [given for _, _, given in made] == pytest.approx(3 * [0.05 + np.mean(rho) / op.gram.mean()], rel=1e-5)
+    for (x, v, given), estimate, frames in zip(made, estimates, got):
+        assert np.array_equal(x, estimate)
+        displace(x, v, given)
+        assert np.array_equal(frames, v)
 
 
-def test_a_prior_gets_what_the_step_has_made_displaced(scene):
-    followed, estimates = seen(scene, motion=True)
-    plain, _ = seen(scene)
-    x, v = estimates[0], plain[0].copy()
-    displace(x, v, 0.05)
-    np.testing.assert_allclose(followed[0], v, atol=1e-7)
+def test_other_priors_get_none(scene, monkeypatch):
+    monkeypatch.setattr(iterate, "displace", lambda *_: pytest.fail("displaced"))
+    assert len(seen(scene)[0]) == 3
 
 
-def test_nothing_is_displaced_where_nothing_is_denoised(scene):
-    (plain, _), (followed, _) = seen(scene, sigma=0.0), seen(scene, sigma=0.0, motion=True)
+@pytest.mark.parametrize("sigma", [0.0, 5e-5])
+def test_nothing_is_displaced_where_nothing_is_denoised(scene, sigma):
+    (plain, _), (followed, _) = seen(scene, sigma), seen(scene, sigma, motion=True)
     assert all(map(np.array_equal, plain, followed))
+
+
+@pytest.mark.parametrize("sigma", [1e-3, 1.0, 1e19, 1e30, 1e200])
+def test_any_sigma_leaves_finite_frames(scene, sigma):
+    got, _ = seen(scene, sigma, noise=1e-3, motion=True)
+    assert all(np.isfinite(frames).all() for frames in got)
+
+
+def test_mosaics_have_seams_and_are_not_displaced():
+    shape = (1, 4, 64, 64)
+    assert Flow().traits(shape).motion
+    assert not Mosaicked(Flow(), pnp_sci.Mosaic("RGGB")).traits(shape).motion
+
+
+def test_tensors_in_the_loop(scene):
+    pytest.importorskip("torch")
+    from pnp_sci.solvers.torch_backend import TorchBackend
+
+    ends = []
+    for backend in (NUMBA, TorchBackend.on("cpu")):
+        with backend.running():
+            op, prior = SensingOperator(scene.masks), Made(lambda v, sigma: 0.9 * v, known=Traits(motion=True))
+            session = iterate.InTurn(iterate.turns(prior, op.shape), op.shape, op.dtype)
+            schedule = schedule_for(op, 0.3)
+            arrays = map(backend.put, (scene.y.astype(np.float32), scene.truth.astype(np.float32)))
+            y, x = arrays
+            states = iterate.states(backend.operator(op), y, session, x, gap_step, schedule)
+            ends.append(backend.get(next(itertools.islice(states, 4, None)).x))
+    np.testing.assert_allclose(*ends, atol=1e-5)
 
 
 def test_a_warm_up_gets_none(scene, monkeypatch):
@@ -169,4 +227,8 @@ def test_flow_gains(scene, monkeypatch, algorithm):
 
     with_it = solved()
     monkeypatch.setattr(iterate, "displace", lambda *_: None)
-    assert with_it > solved()
+    assert with_it > solved() + GAIN
+
+
+def test_the_option_of_flow():
+    assert not Flow(displace=False).traits((1, 4, 64, 64)).motion
