@@ -6,8 +6,8 @@ PNP_SCI_DATA=DIR python benchmarks/parts.py [PART ...] [--seed 20]
 
 The cases are crops of 128 x 128 pixels of clips that are not in the training set, without noise, or with noise for
 parts that act with noise only or are named so. All runs start from `ofanet-fast`. The output is a table: the mean
-change in dB with its standard error, the worst and the best, the number of cases in which the part gains, and the median ratio
-of seconds.
+change in dB with its standard error, the worst and the best, the number of cases in which the part gains, and the
+median ratio of seconds.
 """
 
 import itertools
