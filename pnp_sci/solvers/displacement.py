@@ -55,7 +55,7 @@ def displace(x: Array, v: Array, noise: float) -> None:
     if not isinstance(x, np.ndarray):
         from pnp_sci.solvers.torch_displacement import displace_tensors
 
-        displace_tensors(x, v, ridge)
+        displace_tensors(x, v, ridge, REACH, FARTHEST)
         return
     planes = (-1, *x.shape[2:])
     _displace(x.reshape(planes), v.reshape(planes), x.dtype.type(ridge))
