@@ -86,7 +86,9 @@ def test_the_result_does_not_depend_on_threads(prior, options, largest):
     results = (pnp_sci.solve(scene.y, scene.masks, prior, iterations=25, threads=n, **options) for n in (1, None))
     one, all_of_them = (result.x for result in results)
     np.testing.assert_allclose(one, all_of_them, atol=largest)
-    assert np.abs(one - all_of_them).mean() < 5e-4
+    assert np.abs(one - all_of_them).mean() < 1 / 510, (
+        "half a grey level of 8 bits: searches of motion grow rounding errors"
+    )
     assert pnp_sci.psnr(one, scene.truth) == pytest.approx(pnp_sci.psnr(all_of_them, scene.truth), abs=0.01)
 
 
