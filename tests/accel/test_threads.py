@@ -81,15 +81,13 @@ def test_networks_and_flow_take_no_more_than_the_kernels():
 
 @pytest.mark.parametrize(("prior", "options", "largest"), [("tv", {}, 1e-4), ("flow", {"first": 15}, 0.1)])
 def test_the_result_does_not_depend_on_threads(prior, options, largest):
-    """With flow the motion is found a little differently, and a few pixels by 0.01."""
+    """With flow each search of the motion grows rounding errors: to half a grey level of 8 bits in the mean."""
     scene = datasets.embedded_scene(64)
     results = (pnp_sci.solve(scene.y, scene.masks, prior, iterations=25, threads=n, **options) for n in (1, None))
     one, all_of_them = (result.x for result in results)
     np.testing.assert_allclose(one, all_of_them, atol=largest)
-    assert np.abs(one - all_of_them).mean() < 1 / 510, (
-        "half a grey level of 8 bits: searches of motion grow rounding errors"
-    )
-    assert pnp_sci.psnr(one, scene.truth) == pytest.approx(pnp_sci.psnr(all_of_them, scene.truth), abs=0.01)
+    assert np.abs(one - all_of_them).mean() < 1 / 510
+    assert pnp_sci.psnr(one, scene.truth) == pytest.approx(pnp_sci.psnr(all_of_them, scene.truth), abs=0.03)
 
 
 @pytest.mark.parametrize("threads", [0, -1, 1.5, "two"])
