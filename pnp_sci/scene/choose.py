@@ -28,7 +28,6 @@ class JudgeNumbers(Tuned):
 
     neighbours: int = 2  # frames either side that help a frame
     tolerance: float = 3.0  # difference at which one of them counts 1/e, in units of sigma
-    renew: int = 4  # calls between two measurements of the motion
 
 
 TUNED = JudgeNumbers()
@@ -63,5 +62,5 @@ def choose_scene(
     quick, mosaic = tv(still=False), problem.balance is not None
     if flow is None or min(problem.op.shape[2:]) < SMALLEST or not (careful or mosaic):
         return full(problem.op) if mosaic else judge(problem, quick, until=until)
-    careful_flow = flow(first=patience(problem.op) // 2, still=False, displace=False, **asdict(TUNED))
+    careful_flow = flow(first=patience(problem.op) // 2, still=False, renew=4, displace=False, **asdict(TUNED))
     return judge(problem, quick, careful_flow, each_view, until)

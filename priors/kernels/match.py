@@ -163,12 +163,13 @@ def consistency(flow, pairs, reverse, tolerance, trust):
 
 
 @kernel
-def weigh(distance, trust, tolerance, weights):
-    """weights <- trust exp(-z), uint8, with z = distance / tolerance^2 and exp(z) by its Taylor series to z^3."""
+def weigh(distance, trust, credit, tolerance, weights):
+    """weights[p] <- credit[p] trust[p] exp(-z), uint8, z = distance / tolerance^2, exp(z) by its Taylor series to z^3."""
     one, half, sixth = distance.dtype.type(1), distance.dtype.type(1 / 2), distance.dtype.type(1 / 6)
     inverse = one / (tolerance * tolerance)
     for p in numba.prange(len(trust)):
+        share = distance.dtype.type(credit[p])
         for i in range(trust.shape[1]):
             for j in range(trust.shape[2]):
                 z = max(distance[p, i, j], distance.dtype.type(0)) * inverse
-                weights[p, i, j] = np.uint8(trust[p, i, j] / (one + z * (one + z * (half + z * sixth))))
+                weights[p, i, j] = np.uint8(share * trust[p, i, j] / (one + z * (one + z * (half + z * sixth))))

@@ -3,14 +3,16 @@
 from __future__ import annotations
 
 import os
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
 from functools import cache, cached_property, partial
+from typing import Any
 
 import numpy as np
 
 from pnp_sci._tuned import Tuned
+from pnp_sci.accel.arrays import library
 from pnp_sci.accel.threads import Pool
 from priors.kernels import average as averages
 from priors.kernels import match as matches
@@ -23,7 +25,7 @@ SMALLEST = 32  # pixels: smallest height and width for optical flow
 class MotionNumbers(Tuned):
     """Parameters of the flow search and of the weights."""
 
-    neighbours: int = 3  # frames on either side that a frame is averaged with
+    neighbours: int = 4  # frames on either side that a frame is averaged with
     drift: float = 1.5  # pixels: forward-backward error of the flow at which the weight is 1/e
     blur: float = 0.7  # pixels: standard deviation of the Gaussian before the flow search
     steps: int = 8  # iterations of gradient descent per patch
@@ -32,6 +34,7 @@ class MotionNumbers(Tuned):
     halved: float = 0.7  # factor on the tolerance for frames of half the height and width
     smooth: float = 1.3  # ratio of squared differences up to which the smoothed flow replaces the pixel's own
     certain: float = 0.3  # factor on tolerance and rest limit, in units of sigma, for a solver's last estimate
+    doubt: float = 0.5  # times the squared difference beyond that of adjacent frames: a pair counts 1/e at 1
     moves: float = 9  # weight of the evidence from slow motion, relative to the variance along time
 
 
@@ -130,14 +133,14 @@ def measure(
     flow = searched(view, pairs, small.shape[1:], None if before is None else before.flow)
     distance = _chosen(small, near, neighbours, close, flow)
     trust, weights = np.empty(distance.shape, np.uint8), np.empty(distance.shape, np.uint8)
-    place = {pair: p for p, pair in enumerate(near)}
+    place, beside = {pair: p for p, pair in enumerate(near)}, adjacent(near)
     matches.consistency(flow, pairs, np.array([place[n, b] for b, n in near]), drift / 2, trust)
-    matches.weigh(distance, trust, close, weights)
+    matches.weigh(distance, trust, credit(distance.mean((1, 2)), beside, close), close, weights)
     pilot = np.empty_like(small)  # averaged frames have less noise, so their differences are more reliable
     of_blocks = np.ascontiguousarray(flow[:, ::2, ::2])  # one vector for 2 x 2 pixels
     averages.average(small, of_blocks, weights, pairs, first, pilot)
     matches.differ(pilot, flow, pairs, distance)
-    matches.weigh(distance, trust, close, weights)
+    matches.weigh(distance, trust, credit(distance.mean((1, 2)), beside, close), close, weights)
     still = _at_rest(pilot, pairs, distance, rest)
     return _enlarged(Motion(pairs, first, flow, weights, still), height, width)
 
@@ -195,6 +198,24 @@ def _chosen(
     matches.smooth(flow, distance, close, candidate)
     matches.choose(small, candidate, small.dtype.type(TUNED.smooth), pairs, flow, distance)
     return distance
+
+
+def adjacent(pairs: Sequence[tuple[int, int]]) -> list[list[int]]:
+    """For each pair (b, n), the places of (b, b - 1) and of (b, b + 1), or twice the one that exists."""
+    place = {pair: p for p, pair in enumerate(pairs)}
+    either = [[place.get((b, b + d), -1) for b, _ in pairs] for d in (-1, 1)]
+    return [[p if p >= 0 else q for p, q in zip(*order)] for order in (either, either[::-1])]
+
+
+def credit(mean: Any, beside: list[list[int]], close: float) -> Any:
+    """How much each pair counts, (..., P), 0 to 1: ``exp(-doubt e)`` with e the excess over adjacent frames.
+
+    Flow to frames far away is often wrong in frames where it still is right to the next one. Then the frames differ
+    more along it: e is by how much the `mean` squared difference (..., P) of the pair (b, n) exceeds that of b and the
+    frames `beside` it, in units of ``close^2``. The mean over a frame is more certain than a difference at a pixel.
+    """
+    excess = (mean - (mean[..., beside[0]] + mean[..., beside[1]]) / 2) / close / close
+    return library(mean).exp(-TUNED.doubt * excess.clip(min=0))
 
 
 def _at_rest(pilot: np.ndarray, pairs: np.ndarray, distance: np.ndarray, rest: float) -> np.ndarray:

@@ -10,7 +10,7 @@ import torch
 import torch.nn.functional as F
 
 from priors.kernels.average import FRACTION
-from priors.motion.measure import TUNED, searched
+from priors.motion.measure import TUNED, adjacent, credit, searched
 from priors.on_device.filters import box, gaussian
 from priors.on_device.still import sureness, tie
 from priors.on_device.warp import bicubic
@@ -29,6 +29,7 @@ class Pairs:
         place = {pair: p for p, pair in enumerate(self.pairs)}
         last = frames - 1
         self.reverse = [place[n, b] for b, n in self.pairs]
+        self.adjacent = adjacent(self.pairs)
         opposite = [place.get((b, 2 * b - n), p) for p, (b, n) in enumerate(self.pairs)]
         farthest = [place[b, min(b + most, last) if n > b else max(b - most, 0)] for b, n in self.pairs]
         distance = np.array([n - b for b, n in self.pairs])
@@ -111,9 +112,9 @@ def measured(
     flow = _searched(x, pairs, half, begin)
     flow, distance = _chosen(small, pairs, close, flow)
     trust = _trust(flow, pairs, drift / 2)
-    pilot = averaged(small, flow, trust * _fading(distance, close), pairs)
+    pilot = averaged(small, flow, trust * _fading(distance, close, pairs), pairs)
     distance = _differing(pilot, flow, pairs)
-    weights = F.interpolate(trust * _fading(distance, close), (rows, columns), mode="bilinear")
+    weights = F.interpolate(trust * _fading(distance, close, pairs), (rows, columns), mode="bilinear")
     still = F.interpolate(_at_rest(pilot, pairs, distance, rest), (rows, columns), mode="bilinear")
     return OfTensors(pairs, flow, weights, still)
 
@@ -172,10 +173,11 @@ def _trust(flow: torch.Tensor, pairs: Pairs, tolerance: float) -> torch.Tensor:
     return torch.exp(-(flow + back).square().sum(2) / tolerance**2) * inside
 
 
-def _fading(distance: torch.Tensor, tolerance: float) -> torch.Tensor:
-    """``exp(-z)`` with ``z = distance / tolerance^2`` and exp(z) by its Taylor series to z^3."""
+def _fading(distance: torch.Tensor, tolerance: float, pairs: Pairs) -> torch.Tensor:
+    """The credit of each pair times ``exp(-z)``: z = distance / tolerance^2, exp(z) by its Taylor series to z^3."""
     z = distance / tolerance**2
-    return 1 / (1 + z * (1 + z * (1 / 2 + z / 6)))
+    counts = credit(distance.mean((2, 3)), pairs.adjacent, tolerance)
+    return counts[..., None, None] / (1 + z * (1 + z * (1 / 2 + z / 6)))
 
 
 def _at_rest(pilot: torch.Tensor, pairs: Pairs, distance: torch.Tensor, rest: float) -> torch.Tensor:

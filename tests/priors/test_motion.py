@@ -8,9 +8,9 @@ from scipy.ndimage import gaussian_filter, gaussian_gradient_magnitude, shift
 
 from pnp_sci import datasets
 from priors.kernels.average import FRACTION
-from priors.kernels.match import choose, consistency, differ, smooth, steady
+from priors.kernels.match import choose, consistency, differ, smooth, steady, weigh
 from priors.motion import measure as motion
-from priors.motion.measure import Motion, _chosen, measure
+from priors.motion.measure import TUNED, Motion, _chosen, adjacent, credit, measure
 
 
 @pytest.fixture(scope="module")
@@ -216,6 +216,29 @@ def test_smoothed_flow_comes_from_where_frames_match():
     out = np.empty_like(flow)
     smooth(flow, distance, np.float32(0.1), out)
     np.testing.assert_array_equal(out, 100)
+
+
+def test_pairs_whose_frames_differ_more_than_next_ones_count_less():
+    """exp(-doubt (d - d0) / close^2) with d0 the mean of the pairs with the frames before and after; 1 for these."""
+    pairs = [(b, n) for b in range(4) for n in range(4) if 0 < abs(b - n) <= 2]
+    beside = adjacent(pairs)
+    assert [[pairs[p] for p in order] for order in beside] == [
+        [(b, b - 1) if b > 0 else (0, 1) for b, _ in pairs],
+        [(b, b + 1) if b < 3 else (3, 2) for b, _ in pairs],
+    ]
+    mean = np.array([0.3 if abs(b - n) == 2 else 0.1 for b, n in pairs])
+    expected = [np.exp(-TUNED.doubt * 0.2 / 0.25) if abs(b - n) == 2 else 1 for b, n in pairs]
+    np.testing.assert_allclose(credit(mean, beside, 0.5), expected)
+    torch = pytest.importorskip("torch")
+    np.testing.assert_allclose(credit(torch.from_numpy(np.stack([mean, mean])), beside, 0.5), [expected] * 2)
+
+
+def test_weights_of_a_pair_follow_its_credit():
+    """Half the credit, half the weight."""
+    distance, trust = np.zeros((2, 3, 4), np.float32), np.full((2, 3, 4), 200, np.uint8)
+    weights = np.empty_like(trust)
+    weigh(distance, trust, np.array([1, 0.5], np.float32), np.float32(0.1), weights)
+    assert (weights == np.array([200, 100])[:, None, None]).all()
 
 
 @pytest.mark.parametrize("drift", [1e-30, 0.3, 1.5, 1e30])
