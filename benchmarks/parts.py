@@ -14,6 +14,7 @@ import itertools
 import os
 import time
 from contextlib import contextmanager, nullcontext
+from dataclasses import replace
 from pathlib import Path
 from unittest import mock
 
@@ -26,6 +27,7 @@ from pnp_sci.solvers import iterate
 from pnp_sci.solvers.averaging import RunningMean
 from pnp_sci.training.clips import load_clips, split
 from priors import flow
+from priors.motion import measure
 from priors.networks import along_motion
 
 SIZE = 128
@@ -77,6 +79,14 @@ def without_finish(_):
         yield
 
 
+def without_credit(_):
+    return mock.patch.object(measure, "credit", lambda mean, *_: np.ones_like(mean))
+
+
+def with_three_neighbours(_):
+    return mock.patch.object(along_motion, "MOTION", replace(measure.TUNED, neighbours=3))
+
+
 def without_share(_):
     return mock.patch.object(measurement, "blended", lambda _, x, decoded: (x, [0.0] * len(x)))
 
@@ -94,10 +104,14 @@ def with_true_motion(truth):
 PARTS = {
     "averaging-video": (without_averaging, "video", QUIET),
     "averaging-flow": (without_averaging, "flow", QUIET),
+    "credit-video": (without_credit, "video", QUIET),
+    "credit-flow": (without_credit, "flow", QUIET),
+    "credit-video-noise": (without_credit, "video", NOISES),
     "displacement-video": (without_displacement, "video", QUIET),
     "displacement-flow": (without_displacement, "flow", QUIET),
     "displacement-video-noise": (without_displacement, "video", NOISES),
     "displacement-flow-noise": (without_displacement, "flow", NOISES),
+    "fourth-neighbour": (with_three_neighbours, "video", QUIET),
     "finish-video": (without_finish, "video", QUIET),
     "finish-flow": (without_finish, "flow", QUIET),
     "true-motion": (with_true_motion, "video", QUIET),

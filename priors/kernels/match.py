@@ -164,7 +164,10 @@ def consistency(flow, pairs, reverse, tolerance, trust):
 
 @kernel
 def weigh(distance, trust, credit, tolerance, weights):
-    """weights[p] <- credit[p] trust[p] exp(-z), uint8, z = distance / tolerance^2, exp(z) by its Taylor series to z^3."""
+    """weights[p] <- credit[p] trust[p] exp(-z), uint8, with z = distance / tolerance^2.
+
+    exp(z) is its Taylor series to z^3.
+    """
     one, half, sixth = distance.dtype.type(1), distance.dtype.type(1 / 2), distance.dtype.type(1 / 6)
     inverse = one / (tolerance * tolerance)
     for p in numba.prange(len(trust)):

@@ -3,20 +3,19 @@
 from __future__ import annotations
 
 import os
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
 from functools import cache, cached_property, partial
-from typing import Any
 
 import numpy as np
 
 from pnp_sci._tuned import Tuned
-from pnp_sci.accel.arrays import library
 from pnp_sci.accel.threads import Pool
 from priors.kernels import average as averages
 from priors.kernels import match as matches
 from priors.kernels.still import mean_and_variance, sureness, tie
+from priors.motion.credit import adjacent, credit
 
 SMALLEST = 32  # pixels: smallest height and width for optical flow
 
@@ -34,7 +33,6 @@ class MotionNumbers(Tuned):
     halved: float = 0.7  # factor on the tolerance for frames of half the height and width
     smooth: float = 1.3  # ratio of squared differences up to which the smoothed flow replaces the pixel's own
     certain: float = 0.3  # factor on tolerance and rest limit, in units of sigma, for a solver's last estimate
-    doubt: float = 0.5  # times the squared difference beyond that of adjacent frames: a pair counts 1/e at 1
     moves: float = 9  # weight of the evidence from slow motion, relative to the variance along time
 
 
@@ -198,24 +196,6 @@ def _chosen(
     matches.smooth(flow, distance, close, candidate)
     matches.choose(small, candidate, small.dtype.type(TUNED.smooth), pairs, flow, distance)
     return distance
-
-
-def adjacent(pairs: Sequence[tuple[int, int]]) -> list[list[int]]:
-    """For each pair (b, n), the places of (b, b - 1) and of (b, b + 1), or twice the one that exists."""
-    place = {pair: p for p, pair in enumerate(pairs)}
-    either = [[place.get((b, b + d), -1) for b, _ in pairs] for d in (-1, 1)]
-    return [[p if p >= 0 else q for p, q in zip(*order)] for order in (either, either[::-1])]
-
-
-def credit(mean: Any, beside: list[list[int]], close: float) -> Any:
-    """How much each pair counts, (..., P), 0 to 1: ``exp(-doubt e)`` with e the excess over adjacent frames.
-
-    Flow to frames far away is often wrong in frames where it still is right to the next one. Then the frames differ
-    more along it: e is by how much the `mean` squared difference (..., P) of the pair (b, n) exceeds that of b and the
-    frames `beside` it, in units of ``close^2``. The mean over a frame is more certain than a difference at a pixel.
-    """
-    excess = (mean - (mean[..., beside[0]] + mean[..., beside[1]]) / 2) / close / close
-    return library(mean).exp(-TUNED.doubt * excess.clip(min=0))
 
 
 def _at_rest(pilot: np.ndarray, pairs: np.ndarray, distance: np.ndarray, rest: float) -> np.ndarray:

@@ -10,7 +10,8 @@ import torch
 import torch.nn.functional as F
 
 from priors.kernels.average import FRACTION
-from priors.motion.measure import TUNED, adjacent, credit, searched
+from priors.motion.credit import adjacent, credit
+from priors.motion.measure import TUNED, searched
 from priors.on_device.filters import box, gaussian
 from priors.on_device.still import sureness, tie
 from priors.on_device.warp import bicubic

@@ -10,7 +10,8 @@ from pnp_sci import datasets
 from priors.kernels.average import FRACTION
 from priors.kernels.match import choose, consistency, differ, smooth, steady, weigh
 from priors.motion import measure as motion
-from priors.motion.measure import TUNED, Motion, _chosen, adjacent, credit, measure
+from priors.motion.credit import TUNED, adjacent, credit
+from priors.motion.measure import Motion, _chosen, measure
 
 
 @pytest.fixture(scope="module")

@@ -1,0 +1,42 @@
+"""How much a pair of frames counts in averages along the motion."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Any
+
+from pnp_sci._tuned import Tuned
+from pnp_sci.accel.arrays import library
+
+
+@dataclass(frozen=True)
+class CreditNumbers(Tuned):
+    """How fast the credit of a pair falls."""
+
+    doubt: float = 0.5  # credit is exp(-doubt e), where e is the squared difference beyond that of adjacent frames
+
+
+TUNED = CreditNumbers()
+
+
+def adjacent(pairs: Sequence[tuple[int, int]]) -> list[list[int]]:
+    """For each pair (b, n) the places of (b, b - 1), and of (b, b + 1); of the first and last b twice the same."""
+    place = {pair: p for p, pair in enumerate(pairs)}
+    before, after = ([place.get((b, b + d), -1) for b, _ in pairs] for d in (-1, 1))
+    return [[p if p >= 0 else q for p, q in zip(*both)] for both in ((before, after), (after, before))]
+
+
+def credit(mean: Any, beside: list[list[int]], close: float) -> Any:
+    """How much each pair counts, (..., P), 0 to 1: ``exp(-doubt e)``.
+
+    Flow to a distant frame is often wrong where the flow to the next frame is still right. The frames then differ more.
+    The excess e is what the `mean` squared difference (..., P) of frames b and n is above that of b and the frames
+    `beside` it, in units of ``close^2``. A mean over the frame is less likely to match by chance than single pixels.
+
+    >>> import numpy as np
+    >>> credit(np.array([0.1, 0.5]), adjacent([(0, 1), (0, 2)]), close=1.0).round(2).tolist()
+    [1.0, 0.82]
+    """
+    excess = (mean - (mean[..., beside[0]] + mean[..., beside[1]]) / 2) / close / close
+    return library(mean).exp(-TUNED.doubt * excess.clip(min=0))
