@@ -58,6 +58,7 @@ SERVES = {
     "priors.bm3d": (("bm3d", "flow"), "moving noise still"),
     "priors.flow": (("flow",), "moving noise still"),
     "priors.motion.measure": (("flow",), "moving"),
+    "priors.motion.credit": (STRONG, "moving"),
     "priors.kernels.still": (FAST, "moving still"),
     "priors.ffdnet": (("ffdnet",), "moving noise"),
     "priors.session": (("ffdnet", "video"), "moving noise"),
