@@ -18,7 +18,7 @@ NOISE = (0, 0.01, 0.05, 0.1, 0.2)  # of max(y)
 TRUST = (0.5, 0.7, 1.4, 2)  # multiples of the estimated noise
 GRIDS = {
     "tv": {"iterations": (50, 100, 200), "time": ("auto", 0.03, 0.1, 0.3)},
-    "flow": {"tolerance": (1.8, 2.6, 3.6), "neighbours": (2, 3)},
+    "flow": {"tolerance": (1.8, 2.6, 3.6), "neighbours": (2, 4)},
 }
 
 

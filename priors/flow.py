@@ -44,8 +44,9 @@ class Flow(Prior):
     with `first` 0, there is no such warm-up. In every third call after it optical flow is estimated from each frame
     directly to its neighbours; chains of flows would drift. In each pixel the flow is replaced by a steady motion if
     frames match better along that, or by the flow of its surroundings if they match about as well. A neighbour weighs
-    little where forward and backward flow do not cancel, or where the warped neighbour differs from the frame, and as a
-    whole if it differs more than the frames next to it do. Pixels that stand still are averaged over all frames.
+    little where forward and backward flow do not cancel, or where the warped neighbour differs from the frame. As a
+    whole it counts less if it differs more than adjacent frames do. Pixels that stand still are averaged over all
+    frames.
 
     Each call denoises the frames by a light total variation, and averages each with its warped neighbours by these
     weights. :class:`priors.bm3d.BM3D` filters the result; it is told 1.6 times the noise that the average leaves in

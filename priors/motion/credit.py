@@ -14,17 +14,20 @@ from pnp_sci.accel.arrays import library
 class CreditNumbers(Tuned):
     """How fast the credit of a pair falls."""
 
-    doubt: float = 0.5  # credit is exp(-doubt e), where e is the squared difference beyond that of adjacent frames
+    doubt: float = 0.5  # credit is exp(-doubt e); e: squared difference beyond that of adjacent frames, in tolerances
 
 
 TUNED = CreditNumbers()
 
 
 def adjacent(pairs: Sequence[tuple[int, int]]) -> list[list[int]]:
-    """For each pair (b, n) the places of (b, b - 1), and of (b, b + 1); of the first and last b twice the same."""
+    """For each pair (b, n) the places of (b, b - 1) and of (b, b + 1); of the first and last frame the one that exists.
+
+    >>> adjacent([(0, 1), (1, 0), (1, 2), (2, 1)])
+    [[0, 1, 1, 3], [0, 2, 2, 3]]
+    """
     place = {pair: p for p, pair in enumerate(pairs)}
-    before, after = ([place.get((b, b + d), -1) for b, _ in pairs] for d in (-1, 1))
-    return [[p if p >= 0 else q for p, q in zip(*both)] for both in ((before, after), (after, before))]
+    return [[place.get((b, b + d), place.get((b, b - d), -1)) for b, _ in pairs] for d in (-1, 1)]
 
 
 def credit(mean: Any, beside: list[list[int]], close: float) -> Any:
@@ -33,10 +36,11 @@ def credit(mean: Any, beside: list[list[int]], close: float) -> Any:
     Flow to a distant frame is often wrong where the flow to the next frame is still right. The frames then differ more.
     The excess e is what the `mean` squared difference (..., P) of frames b and n is above that of b and the frames
     `beside` it, in units of ``close^2``. A mean over the frame is less likely to match by chance than single pixels.
+    What leaves the frame counts too: in a pan distant pairs lose some of their credit.
 
     >>> import numpy as np
     >>> credit(np.array([0.1, 0.5]), adjacent([(0, 1), (0, 2)]), close=1.0).round(2).tolist()
     [1.0, 0.82]
     """
-    excess = (mean - (mean[..., beside[0]] + mean[..., beside[1]]) / 2) / close / close
+    excess = (mean - (mean[..., beside[0]] + mean[..., beside[1]]) / 2) / close / close  # close^2 may be 0 or infinite
     return library(mean).exp(-TUNED.doubt * excess.clip(min=0))

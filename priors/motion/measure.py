@@ -105,7 +105,8 @@ def measure(
     neighbours : int
         Largest distance in frames between a frame and its neighbours, >= 1.
     tolerance : float
-        Difference between a frame and a warped neighbour at which the weight is 1/e, > 0.
+        Difference between a frame and a warped neighbour at which the weight is 1/e, > 0. The weights of a pair also
+        have a common factor, see :func:`priors.motion.credit.credit`.
     drift : float
         Forward-backward error of the flow, in pixels, at which the weight is 1/e.
     rest : float
@@ -132,13 +133,17 @@ def measure(
     distance = _chosen(small, near, neighbours, close, flow)
     trust, weights = np.empty(distance.shape, np.uint8), np.empty(distance.shape, np.uint8)
     place, beside = {pair: p for p, pair in enumerate(near)}, adjacent(near)
+
+    def weigh() -> None:
+        matches.weigh(distance, trust, credit(distance.mean((1, 2)), beside, close), close, weights)
+
     matches.consistency(flow, pairs, np.array([place[n, b] for b, n in near]), drift / 2, trust)
-    matches.weigh(distance, trust, credit(distance.mean((1, 2)), beside, close), close, weights)
+    weigh()
     pilot = np.empty_like(small)  # averaged frames have less noise, so their differences are more reliable
     of_blocks = np.ascontiguousarray(flow[:, ::2, ::2])  # one vector for 2 x 2 pixels
     averages.average(small, of_blocks, weights, pairs, first, pilot)
     matches.differ(pilot, flow, pairs, distance)
-    matches.weigh(distance, trust, credit(distance.mean((1, 2)), beside, close), close, weights)
+    weigh()
     still = _at_rest(pilot, pairs, distance, rest)
     return _enlarged(Motion(pairs, first, flow, weights, still), height, width)
 

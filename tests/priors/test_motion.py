@@ -9,9 +9,11 @@ from scipy.ndimage import gaussian_filter, gaussian_gradient_magnitude, shift
 from pnp_sci import datasets
 from priors.kernels.average import FRACTION
 from priors.kernels.match import choose, consistency, differ, smooth, steady, weigh
+from priors.motion import credit as credits
 from priors.motion import measure as motion
 from priors.motion.credit import TUNED, adjacent, credit
 from priors.motion.measure import Motion, _chosen, measure
+from priors.motion.videos import seen
 
 
 @pytest.fixture(scope="module")
@@ -220,18 +222,40 @@ def test_smoothed_flow_comes_from_where_frames_match():
 
 
 def test_pairs_whose_frames_differ_more_than_next_ones_count_less():
-    """exp(-doubt (d - d0) / close^2) with d0 the mean of the pairs with the frames before and after; 1 for these."""
+    """exp(-doubt (d - d0) / close^2) with d0 the mean of the pairs with the frames before and after; at most 1."""
     pairs = [(b, n) for b in range(4) for n in range(4) if 0 < abs(b - n) <= 2]
     beside = adjacent(pairs)
     assert [[pairs[p] for p in order] for order in beside] == [
         [(b, b - 1) if b > 0 else (0, 1) for b, _ in pairs],
         [(b, b + 1) if b < 3 else (3, 2) for b, _ in pairs],
     ]
-    mean = np.array([0.3 if abs(b - n) == 2 else 0.1 for b, n in pairs])
-    expected = [np.exp(-TUNED.doubt * 0.2 / 0.25) if abs(b - n) == 2 else 1 for b, n in pairs]
+    mean = np.random.default_rng(0).random(len(pairs))
+    of = dict(zip(pairs, mean))
+    nearest = [np.mean([of[b, n] for n in (b - 1, b + 1) if (b, n) in of]) for b, _ in pairs]
+    expected = np.exp(-TUNED.doubt * np.maximum(mean - nearest, 0) / 0.25)
+    assert (expected == 1).any()
+    assert (expected < 0.9).any()
     np.testing.assert_allclose(credit(mean, beside, 0.5), expected)
     torch = pytest.importorskip("torch")
     np.testing.assert_allclose(credit(torch.from_numpy(np.stack([mean, mean])), beside, 0.5), [expected] * 2)
+
+
+@pytest.mark.parametrize("library", ["numpy", "torch"])
+def test_a_frame_unlike_the_others_far_away_loses_credit(moving, library, monkeypatch):
+    """A part of frame 5 is foreign: it counts less for frame 3, also where it matches; frame 4 has nothing near."""
+    if library == "torch":
+        torch = pytest.importorskip("torch")
+    x = moving.copy()
+    x[0, 5, :48, :48] = np.random.default_rng(0).random((48, 48))
+    means = []
+    for doubt in (0.0, 0.5):
+        monkeypatch.setattr(credits, "TUNED", replace(TUNED, doubt=doubt))
+        motion = seen(x if library == "numpy" else torch.from_numpy(x), 2, 0.1, 1.5, 0.01)
+        pairs = motion.views[0].pairs.tolist() if library == "numpy" else [list(pair) for pair in motion.pairs.pairs]
+        weights = motion.views[0].weights / 255 if library == "numpy" else motion.weights[0].numpy()
+        means.append(weights[pairs.index([3, 5])][60:80, 60:80].mean())
+    assert means[0] > 0.9
+    assert means[1] < 0.5 * means[0]
 
 
 def test_weights_of_a_pair_follow_its_credit():

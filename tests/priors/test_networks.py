@@ -114,7 +114,7 @@ def test_only_the_video_net_looks_at_neighbours(net, name, monkeypatch):
     other[:, 16] = 0
     changed = (net(other, 0.1) != net(x, 0.1)).any(axis=(0, 2, 3))
     assert changed[15] == changed[12] == (name == "video")
-    message = "four frames either side help, four of theirs decide how far, and four of those where they come from"
+    message = "the motion and the weights of four frames either side depend on at most 3 x 4 frames"
     assert not changed[:4].any(), message
 
 
