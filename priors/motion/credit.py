@@ -9,6 +9,8 @@ from typing import Any
 from pnp_sci._tuned import Tuned
 from pnp_sci.accel.arrays import library
 
+HOPELESS = 100.0  # excess at which no weight is left; exp of less would underflow
+
 
 @dataclass(frozen=True)
 class CreditNumbers(Tuned):
@@ -43,4 +45,4 @@ def credit(mean: Any, beside: list[list[int]], close: float) -> Any:
     [1.0, 0.82]
     """
     excess = (mean - (mean[..., beside[0]] + mean[..., beside[1]]) / 2) / close / close  # close^2 may be 0 or infinite
-    return library(mean).exp(-TUNED.doubt * excess.clip(min=0))
+    return library(mean).exp(-TUNED.doubt * excess.clip(0, HOPELESS))
