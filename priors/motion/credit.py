@@ -9,7 +9,7 @@ from typing import Any
 from pnp_sci._tuned import Tuned
 from pnp_sci.accel.arrays import library
 
-HOPELESS = 100.0  # excess at which no weight is left; exp of less would underflow
+HOPELESS = 80.0  # exponent at which no weight is left; exp of more would underflow in float32
 
 
 @dataclass(frozen=True)
@@ -45,4 +45,4 @@ def credit(mean: Any, beside: list[list[int]], close: float) -> Any:
     [1.0, 0.82]
     """
     excess = (mean - (mean[..., beside[0]] + mean[..., beside[1]]) / 2) / close / close  # close^2 may be 0 or infinite
-    return library(mean).exp(-TUNED.doubt * excess.clip(0, HOPELESS))
+    return library(mean).exp(-(TUNED.doubt * excess).clip(0, HOPELESS))

@@ -242,7 +242,7 @@ def test_pairs_whose_frames_differ_more_than_next_ones_count_less():
 
 @pytest.mark.parametrize("library", ["numpy", "torch"])
 def test_a_frame_unlike_the_others_far_away_loses_credit(moving, library, monkeypatch):
-    """A part of frame 5 is foreign: it counts less for frame 3, also where it matches; frame 4 has nothing near."""
+    """A part of frame 5 is foreign: it counts less for frame 3, also where it matches."""
     if library == "torch":
         torch = pytest.importorskip("torch")
     x = moving.copy()
