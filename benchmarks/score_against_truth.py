@@ -10,7 +10,7 @@ from scipy.stats import spearmanr
 
 import pnp_sci
 from pnp_sci import SceneModel, datasets
-from pnp_sci.bench import filled_start, held_back_score
+from pnp_sci.bench import held_back_score
 
 PAIRS = ("bear_blackswan", "car-b_car-w", "hike_hockey")
 QUICK = {
@@ -35,7 +35,7 @@ def figures(scene, y, method, fraction):
     """Mean PSNR, score, PSNR of the reconstruction without the held-back pixels, and relative residual."""
     result = pnp_sci.solve(y, scene.masks, **method)
     known = {"noise": result.settings["noise"][0], "scene": SceneModel(**kept(result.scene))}
-    known["init"] = filled_start(result.settings["init"])
+    known["init"] = result.settings["init"]
     partial = []
 
     def reconstruct(y, masks):

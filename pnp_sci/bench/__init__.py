@@ -3,7 +3,7 @@
 from pnp_sci.bench.cases import Case, expand
 from pnp_sci.bench.comparison import Comparison, Trial, compare
 from pnp_sci.bench.curves import curves, draw, front, front_table
-from pnp_sci.bench.held_back import filled_start, held_back_score
+from pnp_sci.bench.held_back import held_back_score
 from pnp_sci.bench.methods import Method, Source, grid
 from pnp_sci.bench.results import Results, read
 from pnp_sci.bench.runner import Checkpoint, Row, as_markdown, run
@@ -22,7 +22,6 @@ __all__ = [
     "curves",
     "draw",
     "expand",
-    "filled_start",
     "front",
     "front_table",
     "grid",

@@ -11,17 +11,15 @@ from typing import Any
 import numpy as np
 
 from pnp_sci import api
-from pnp_sci.bench.held_back import filled_start, held_back_score
+from pnp_sci.bench.held_back import held_back_score
 from pnp_sci.bench.methods import Method, Source
 from pnp_sci.bench.runner import machine, scores
 from pnp_sci.camera.fit import Fit
 from pnp_sci.errors import InputError
 from pnp_sci.formats.plain import finite
 from pnp_sci.masks import condition
-from pnp_sci.pipeline.auto import prior_for
 from pnp_sci.pipeline.input import Input, told
 from pnp_sci.pipeline.reference import Reference
-from pnp_sci.plugins.resolve import as_prior
 from pnp_sci.results.result import Result
 from pnp_sci.scene.choose import choose_scene
 from pnp_sci.sensing.operator import as_masks
@@ -251,10 +249,7 @@ class _Task:
 
     def score(self, method: Method) -> float:
         """The held-back score; noise and scene are those of all pixels, equal for all methods."""
-        prior = prior_for(method.effort) if method.prior == "auto" else method.prior
-        strong = as_prior(prior).traits(self.planes.shape).strong
-        known = {"init": filled_start(method.init, strong), "noise": self.sensor, "scene": self.scene}
-        settings = method.arguments() | self.common | known
+        settings = method.arguments() | self.common | {"noise": self.sensor, "scene": self.scene}
         planes = self.planes if self.bad is None else self.planes * ~self.bad
         return held_back_score(
             lambda y, masks: api.solve(y, masks, **settings).x,

@@ -8,10 +8,7 @@ from typing import Any
 import numpy as np
 
 from pnp_sci.errors import InputError
-from pnp_sci.pipeline.start import first_estimate
 from pnp_sci.sensing.operator import SensingOperator
-from pnp_sci.sensing.problem import Problem
-from pnp_sci.sensing.scene_model import SceneModel
 
 FRACTION = 0.05  # of the pixels of y that are held back
 
@@ -96,25 +93,6 @@ def held_back_score(
     excess = max(float(np.mean(error**2)) - noise**2, floor)
     with np.errstate(divide="ignore"):
         return float(-10 * np.log10(excess / (white**2 * op.gram[hidden].mean())))
-
-
-def filled_start(init: str, decode: bool = False) -> Callable[[Problem, SceneModel], np.ndarray]:
-    """The initial estimate `init`, with pixels where gram is 0 replaced by a mean of their neighbours.
-
-    It is for scored reconstructions, where hidden pixels would otherwise start at 0. The score would then depend on how
-    fast a method fills them. `decode` is whether ``init="auto"`` may be a decoder.
-    """
-
-    def start(problem: Problem, scene: SceneModel) -> np.ndarray:
-        from scipy.ndimage import gaussian_filter
-
-        x = first_estimate(init, problem, scene, decode).x
-        seen = (problem.op.gram > 0).astype(x.dtype)
-        weight = gaussian_filter(seen, 1)
-        around = np.divide(gaussian_filter(x * seen, (0, 0, 1, 1)), weight, out=x.copy(), where=weight > 0)
-        return np.where(seen > 0, x, around)
-
-    return start
 
 
 def _choose(usable: np.ndarray, fraction: float, seed: int) -> np.ndarray:

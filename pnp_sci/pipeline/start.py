@@ -97,7 +97,7 @@ def _decoded(name: str, problem: Problem, scene: SceneModel, device: str | None,
     decoder = decoder_for("init", name, {}, device)
 
     def decode(problem: Problem, scene: SceneModel) -> np.ndarray:
-        return _checked(decoded(decoder, problem, scene), problem)
+        return _filled(_checked(decoded(decoder, problem, scene), problem), problem.op.gram)
 
     key, size = (name, device, problem.op.shape[:2], scene.nothing_moves), problem.op.masks.size
     if (
@@ -147,3 +147,18 @@ def _checked(x: Any, problem: Problem) -> np.ndarray:
     x = shaped("init", x, problem.op.shape, problem.op.dtype)
     require_finite("init", x)
     return x
+
+
+def _filled(x: np.ndarray, gram: np.ndarray) -> np.ndarray:
+    """x (V, B, H, W), with a mean of the neighbours where no mask is open (gram 0), which no decoder can see.
+
+    A solver takes long to fill them. In the estimate "adjoint" they are filled as well.
+    """
+    if (gram > 0).all():
+        return x
+    from scipy.ndimage import gaussian_filter
+
+    known = (gram > 0).astype(x.dtype)
+    weight = gaussian_filter(known, 1)
+    mean = np.divide(gaussian_filter(x * known, 1, axes=(-2, -1)), weight, out=x.copy(), where=weight > 0)
+    return np.where(known > 0, x, mean)

@@ -13,8 +13,8 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 import pnp_sci
-from pnp_sci import io
-from pnp_sci.bench import Method, Source, compare, filled_start, grid, held_back_score
+from pnp_sci import api, io
+from pnp_sci.bench import Method, Source, compare, grid, held_back_score
 from pnp_sci.bench.pareto import Point, chart, front
 from pnp_sci.bench.report import _encode
 from pnp_sci.cli.main import main
@@ -22,8 +22,6 @@ from pnp_sci.datasets import embedded_scene
 from pnp_sci.errors import InputError
 from pnp_sci.plugins import registry
 from pnp_sci.results.result import Result
-from pnp_sci.sensing.problem import Problem
-from pnp_sci.sensing.scene_model import full
 
 SIZE = 32
 STEPS = 8
@@ -104,23 +102,6 @@ def test_hidden_pixels_are_hidden_and_dead_ones_not_chosen():
     assert seen["masks"].dtype == masks.dtype
 
 
-def test_a_start_has_no_holes_and_leaves_seen_pixels_alone():
-    y, masks = np.full((9, 9), 3.0), np.ones((1, 3, 9, 9))
-    holes = np.zeros((9, 9), bool)
-    holes[2, 3] = holes[5, 5:7] = True
-    x, whole, closed = (
-        filled_start("adjoint")(Problem(op, picture, 1.0, 0.0), full(op))
-        for op, picture in (
-            (pnp_sci.SensingOperator(masks * ~holes), y * ~holes),
-            (pnp_sci.SensingOperator(masks), y),
-            (pnp_sci.SensingOperator(0 * masks), y),
-        )
-    )
-    assert x == pytest.approx(whole)
-    assert whole.min() > 0.5
-    assert not closed.any()
-
-
 def test_where_nothing_can_be_held_back_the_score_is_nan():
     assert np.isnan(held_back_score(lambda y, m: m, np.ones((4, 4)), np.zeros((1, 2, 4, 4))))
     with pytest.raises(InputError, match="fraction is 1"):
@@ -141,6 +122,23 @@ def test_the_score_ranks_methods_as_psnr_does(data):
 
 
 # ---- rows ------------------------------------------------------------------------------------------------------------
+
+
+def test_what_is_scored_runs_as_what_is_returned(monkeypatch):
+    """With the same first estimate, and so with the same warm-up and number of calls."""
+    pytest.importorskip("torch")
+    scene, solve, runs = embedded_scene(SIZE), api.solve, []
+
+    def spy(*given, **options):
+        runs.append(solve(*given, **options))
+        return runs[-1]
+
+    monkeypatch.setattr(api, "solve", spy)
+    compare(scene.y, scene.masks, [Method("flow", init=init, effort="fast") for init in ("adjoint", "ofanet-fast")])
+    plans = [(run.settings["init"], run.settings["iterations"], run.settings["plan"][0]["serves"]) for run in runs]
+    assert plans[0] == plans[1]
+    assert plans[2] == plans[3]
+    assert [len(plan[-1]) for plan in plans] == [2, 2, 1, 1], "after a decoder there is no warm-up"
 
 
 def test_a_method_that_fails_is_a_row_and_the_others_go_on(both, monkeypatch):

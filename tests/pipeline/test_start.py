@@ -10,7 +10,10 @@ import pytest
 import pnp_sci
 from pnp_sci import SceneModel, datasets, solve
 from pnp_sci.errors import FormatError, InputError, InputTypeError, UnknownPluginError
+from pnp_sci.pipeline.start import first_estimate
 from pnp_sci.plugins import registry
+from pnp_sci.sensing.problem import Problem
+from pnp_sci.sensing.scene_model import full
 
 
 @pytest.fixture(scope="module")
@@ -37,6 +40,15 @@ def test_a_first_estimate_of_another_scale_is_named(scene):
     assert solve(255 * scene.y, scene.masks, init=levels, iterations=5).status.ok
 
 
+SEEN = np.ones((12, 12), bool)  # where a mask is open
+SEEN[2, 3] = SEEN[5, 5:7] = False
+
+
+def problem_of(masks):
+    op = pnp_sci.SensingOperator(masks)
+    return Problem(op, np.ones(masks.shape[2:]), 1.0, 0.0)
+
+
 def grey(problem, scene):
     return np.full(problem.op.shape, 0.5, problem.op.dtype)
 
@@ -49,6 +61,21 @@ def test_a_decoder_may_begin_by_name_as_a_function_or_as_an_object(scene, monkey
     assert all(np.array_equal(result.x, results[0].x) for result in results)
     assert results[0].settings["init"] == "grey"
     assert not np.array_equal(results[0].x, solve(scene.y, scene.masks, iterations=4, noise=0.0).x)
+
+
+def test_pixels_that_no_decoder_can_see_begin_as_their_neighbours(monkeypatch):
+    def blind(problem, scene):
+        return np.where(problem.op.gram > 0, np.linspace(0.4, 0.6, 12), 9.0) * np.ones(problem.op.shape)
+
+    def begun(problem):
+        return first_estimate("blind", problem, full(problem.op)).x
+
+    monkeypatch.setitem(registry._registered["decoders"], "blind", lambda: blind)
+    masks = np.ones((1, 3, 12, 12))
+    whole, holes = (begun(problem_of(masks * seen)) for seen in (True, SEEN))
+    np.testing.assert_array_equal(holes[..., SEEN], whole[..., SEEN])
+    np.testing.assert_allclose(holes, whole, atol=0.01)
+    assert (begun(problem_of(0 * masks)) == 9).all(), "there are no neighbours"
 
 
 def test_a_function_sees_the_problem_and_the_scene(scene):
