@@ -9,7 +9,7 @@ import time
 import numpy as np
 
 import pnp_sci
-from pnp_sci.bench.held_back import filled_start, held_back_score
+from pnp_sci.bench.held_back import held_back_score
 from pnp_sci.camera.warp import warped
 
 PAIRS = ("bear_blackswan", "car-b_car-w", "hike_hockey")
@@ -56,7 +56,7 @@ def real(scene, prior):
 
     def score(y, masks):
         def reconstruct(y, masks):
-            return pnp_sci.solve(y, masks, prior, filled_start("adjoint")).x
+            return pnp_sci.solve(y, masks, prior, "adjoint").x
 
         return held_back_score(reconstruct, y, masks, white=white)
 

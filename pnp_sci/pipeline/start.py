@@ -15,8 +15,8 @@ from pnp_sci.errors import FormatError, InputError
 from pnp_sci.pipeline.auto import DECODER
 from pnp_sci.plugins.mosaic import decoded
 from pnp_sci.plugins.protocols import Traits
-from pnp_sci.plugins.resolve import decoder_for
-from pnp_sci.sensing.problem import Problem, level
+from pnp_sci.plugins.resolve import FunctionDecoder, decoder_for
+from pnp_sci.sensing.problem import Problem, filled, level
 from pnp_sci.sensing.scene_model import SceneModel
 from pnp_sci.solvers.pace import LITTLE, SIDE
 from pnp_sci.solvers.state import length, missing
@@ -94,10 +94,15 @@ def first_estimate(
 
 def _decoded(name: str, problem: Problem, scene: SceneModel, device: str | None, deadline: float | None) -> Start:
     """What the decoder of this name makes, or "adjoint" where it would miss the deadline."""
-    decoder = decoder_for("init", name, {}, device)
+    known = decoder_for("init", name, {}, device)
+
+    def decoder(problem: Problem, scene: SceneModel) -> np.ndarray:
+        """With pixels filled that no mask opens to: a decoder cannot see them, and a solver takes long to fill them."""
+        seen = (problem.op.gram > 0).astype(problem.op.dtype)
+        return filled(_checked(known(problem, scene), problem) * seen, seen)
 
     def decode(problem: Problem, scene: SceneModel) -> np.ndarray:
-        return _filled(_checked(decoded(decoder, problem, scene), problem), problem.op.gram)
+        return decoded(FunctionDecoder(decoder), problem, scene)
 
     key, size = (name, device, problem.op.shape[:2], scene.nothing_moves), problem.op.masks.size
     if (
@@ -147,18 +152,3 @@ def _checked(x: Any, problem: Problem) -> np.ndarray:
     x = shaped("init", x, problem.op.shape, problem.op.dtype)
     require_finite("init", x)
     return x
-
-
-def _filled(x: np.ndarray, gram: np.ndarray) -> np.ndarray:
-    """x (V, B, H, W), with a mean of the neighbours where no mask is open (gram 0), which no decoder can see.
-
-    A solver takes long to fill them. In the estimate "adjoint" they are filled as well.
-    """
-    if (gram > 0).all():
-        return x
-    from scipy.ndimage import gaussian_filter
-
-    known = (gram > 0).astype(x.dtype)
-    weight = gaussian_filter(known, 1)
-    mean = np.divide(gaussian_filter(x * known, 1, axes=(-2, -1)), weight, out=x.copy(), where=weight > 0)
-    return np.where(known > 0, x, mean)

@@ -272,19 +272,29 @@ def level(op: SensingOperator, y: np.ndarray) -> np.ndarray:
     if y.ndim == 3:
         return joined([level(part, picture) for part, picture in zip(op.parts, y)])
     total = op.masks.sum((0, 1), dtype=op.dtype)
-    below = total**2 + op.gram / 4
-    common = np.divide(total * y, below, out=np.zeros_like(y), where=below > 0)
-    dark = below == 0
-    if dark.any():
-        from scipy.ndimage import gaussian_filter
-
-        for width in NEAR:
-            mean, weight = (gaussian_filter(a, width, mode="nearest") for a in (total * y, below))
-            np.divide(mean, weight, out=common, where=dark & (weight > CLOSED * below.max()))
-            dark &= weight <= CLOSED * below.max()
-            if not dark.any():
-                break
+    common = filled(total * y, total**2 + op.gram / 4)
     return np.broadcast_to(common, op.shape).copy()
+
+
+def filled(weighted: np.ndarray, weight: np.ndarray) -> np.ndarray:
+    """The mean ``weighted / weight`` of pictures (..., H, W); where the weight (H, W) is 0, that of the neighbours.
+
+    Neighbours are as near as possible, by Gaussians that grow. Where there are none, the value is 0.
+    """
+    mean = np.divide(weighted, weight, out=np.zeros_like(weighted), where=weight > 0)
+    dark = weight == 0
+    if not dark.any():
+        return mean
+    from scipy.ndimage import gaussian_filter
+
+    for width in NEAR:
+        around, known = (gaussian_filter(a, width, mode="nearest", axes=(-2, -1)) for a in (weighted, weight))
+        reached = known > CLOSED * weight.max()
+        np.divide(around, known, out=mean, where=dark & reached)
+        dark &= ~reached
+        if not dark.any():
+            break
+    return mean
 
 
 def check_scene(scene: Any, op: SensingOperator) -> None:

@@ -125,20 +125,22 @@ def test_the_score_ranks_methods_as_psnr_does(data):
 
 
 def test_what_is_scored_runs_as_what_is_returned(monkeypatch):
-    """With the same first estimate, and so with the same warm-up and number of calls."""
+    """With the same first estimate, and so with the same warm-up, number of calls, and a share of the decoder."""
     pytest.importorskip("torch")
     scene, solve, runs = embedded_scene(SIZE), api.solve, []
+    y = pnp_sci.simulate(scene.truth, scene.masks, 0.1)
 
     def spy(*given, **options):
         runs.append(solve(*given, **options))
         return runs[-1]
 
     monkeypatch.setattr(api, "solve", spy)
-    compare(scene.y, scene.masks, [Method("flow", init=init, effort="fast") for init in ("adjoint", "ofanet-fast")])
+    compare(y, scene.masks, [Method("flow", init=init, effort="fast") for init in ("adjoint", "ofanet-fast")])
     plans = [(run.settings["init"], run.settings["iterations"], run.settings["plan"][0]["serves"]) for run in runs]
     assert plans[0] == plans[1]
     assert plans[2] == plans[3]
     assert [len(plan[-1]) for plan in plans] == [2, 2, 1, 1], "after a decoder there is no warm-up"
+    assert [max(run.settings["share"][0]) > 0 for run in runs] == [False, False, True, True]
 
 
 def test_a_method_that_fails_is_a_row_and_the_others_go_on(both, monkeypatch):

@@ -40,15 +40,6 @@ def test_a_first_estimate_of_another_scale_is_named(scene):
     assert solve(255 * scene.y, scene.masks, init=levels, iterations=5).status.ok
 
 
-SEEN = np.ones((12, 12), bool)  # where a mask is open
-SEEN[2, 3] = SEEN[5, 5:7] = False
-
-
-def problem_of(masks):
-    op = pnp_sci.SensingOperator(masks)
-    return Problem(op, np.ones(masks.shape[2:]), 1.0, 0.0)
-
-
 def grey(problem, scene):
     return np.full(problem.op.shape, 0.5, problem.op.dtype)
 
@@ -64,18 +55,26 @@ def test_a_decoder_may_begin_by_name_as_a_function_or_as_an_object(scene, monkey
 
 
 def test_pixels_that_no_decoder_can_see_begin_as_their_neighbours(monkeypatch):
-    def blind(problem, scene):
-        return np.where(problem.op.gram > 0, np.linspace(0.4, 0.6, 12), 9.0) * np.ones(problem.op.shape)
+    """Single ones and large areas; in a mosaic as neighbours of the same colour."""
 
-    def begun(problem):
-        return first_estimate("blind", problem, full(problem.op)).x
+    def blind(problem, scene):
+        return np.where(problem.op.gram > 0, problem.y, 9.0) * np.ones(problem.op.shape)
+
+    def begun(picture, seen, balance=None):
+        op = pnp_sci.SensingOperator(np.ones((1, 3, 48, 48)) * seen)
+        return first_estimate("blind", Problem(op, picture, 1.0, 0.0, balance=balance), full(op)).x
 
     monkeypatch.setitem(registry._registered["decoders"], "blind", lambda: blind)
-    masks = np.ones((1, 3, 12, 12))
-    whole, holes = (begun(problem_of(masks * seen)) for seen in (True, SEEN))
-    np.testing.assert_array_equal(holes[..., SEEN], whole[..., SEEN])
-    np.testing.assert_allclose(holes, whole, atol=0.01)
-    assert (begun(problem_of(0 * masks)) == 9).all(), "there are no neighbours"
+    ramp, seen = np.ones((48, 1)) * np.linspace(0.4, 0.6, 48), np.ones((48, 48), bool)
+    seen[2, 3] = seen[24, 5:7] = False
+    x = begun(ramp, seen)
+    np.testing.assert_array_equal(x[..., seen], np.broadcast_to(ramp, x.shape)[..., seen])
+    np.testing.assert_allclose(x, np.broadcast_to(ramp, x.shape), atol=0.01)
+    planes = np.kron([[0.9, 0.5], [0.2, 0.4]], np.ones((24, 24)))
+    np.testing.assert_allclose(begun(planes, seen, np.ones((48, 48)))[0, 0], planes, atol=1e-6)
+    seen[4:24, 10:30] = False
+    assert np.abs(begun(ramp, seen) - 0.5).max() < 0.11
+    assert not begun(ramp, False).any(), "there are no neighbours"
 
 
 def test_a_function_sees_the_problem_and_the_scene(scene):
