@@ -25,7 +25,7 @@ class TVNumbers(Tuned):
 
     settle: int = 40  # calls after which the estimate shows what moves, and between two looks at what is still
     warmup: int = 60  # calls with which total variation begins for a strong prior
-    trusted: float = 0.06  # largest sigma at which changes along time count as motion
+    trusted: float = 0.12  # largest sigma at which changes along time count as motion
     around: int = 15  # pixels a side of the two box filters over space and change
     time_before: float = 0.15  # weight along time until then, and with a larger sigma
     time: float = 0.4  # weight along time where gradients in space and changes along time are alike
@@ -52,7 +52,7 @@ class TV(Prior):
         Dual steps per call, >= 1. A single call on a video (outside a solver) needs some hundred.
     time : float or "auto"
         Weight of differences along time against those along rows and columns, >= 0. 0 denoises each frame on its own.
-        "auto" begins with 0.15. In the 40th call, if sigma is 0.06 at most then, every pixel gets its own weight: large
+        "auto" begins with 0.15. In the 40th call, if sigma is 0.12 at most then, every pixel gets its own weight: large
         where the estimate changes little along time, beside its gradients in space; near 0 where it moves.
     isotropic : bool
         Penalise the length of the gradient (True) or the sum of its absolute parts (False).

@@ -11,13 +11,15 @@ from pnp_sci.sensing.operator import SensingOperator
 
 HALF_OPEN = 0.22  # spread over level of 20 binary masks of density 1/2
 USUAL = 20  # frames of all views of the dual-view benchmark
+REACH = 4  # pixels: how far away neighbours are that a mask is compared with
+CHANCE = 0.1  # correlation of random masks of few pixels: smaller and negative ones do not count
 
 
 @dataclass(frozen=True)
 class ScheduleNumbers(Tuned):
     """How strongly the prior denoises and how far the data are trusted, in units where x spans [0, 1]."""
 
-    sigma: float = 0.05  # sigma without noise
+    sigma: float = 0.05  # sigma without noise, for USUAL frames of all views or fewer and mask elements of one pixel
     balance: float = 0.6  # sigma * rho per variance of the noise, for faint noise or USUAL frames of all views
     loud: float = 0.03  # noise in a pixel of x at which fewer frames have half of their larger balance
     softest: float = 0.15  # largest rho in units of the mean gram, if sigma were to follow the noise
@@ -43,6 +45,30 @@ def contrast(op: SensingOperator) -> float:
     return min(1.0, float(np.sqrt(spread / level)) / HALF_OPEN)
 
 
+def element(op: SensingOperator) -> float:
+    """Side of the elements of the masks in pixels, >= 1: for square elements as large as that, at random.
+
+    Of the correlation c of such masks with themselves, moved by d pixels, the squares sum up to
+    ``((2 w^2 + 1) / (3 w))^2`` over rows and columns, with w the side. Blurred masks have larger elements too.
+    What the masks of all frames have in common is not counted. Only the first mask of each view is looked at; of a
+    sequence, those of the first measurement.
+
+    >>> masks = np.random.default_rng(0).integers(0, 2, (1, 8, 64, 64)).repeat(3, 2).repeat(3, 3)
+    >>> round(element(SensingOperator(masks)), 1)
+    3.0
+    """
+    masks = op.parts[0].masks
+    change = masks[:, 0] - masks.mean((0, 1), dtype=np.float64)
+    power = np.abs(np.fft.rfft2(change - change.mean((1, 2), keepdims=True))) ** 2
+    moved = np.fft.irfft2(power.sum(0), change.shape[1:])
+    if not moved[0, 0] > 0:
+        return 1.0
+    rows, columns = (np.arange(-n, n + 1) for n in (min(REACH, (size - 1) // 2) for size in moved.shape))
+    alike = moved[np.ix_(rows, columns)] / moved[0, 0]
+    side = float(np.sqrt(np.sum(alike[alike > CHANCE] ** 2)))
+    return (3 * side + float(np.sqrt(max(9 * side**2 - 8, 1.0)))) / 4
+
+
 @dataclass(frozen=True)
 class Schedule:
     """sigma of the denoiser and rho of the projection, iteration by iteration.
@@ -57,6 +83,8 @@ class Schedule:
         Factor that sigma falls to in the last third of the calls of a strong prior.
     begins, ends : int
         Iterations in which that fall begins and ends, counted from 0; sigma stays as it is unless begins < ends.
+    quiet : float
+        `sigma` for such masks without noise.
     """
 
     product: float | np.ndarray
@@ -64,6 +92,7 @@ class Schedule:
     settled: float = 1.0
     begins: int = 0
     ends: int = 0
+    quiet: float = TUNED.sigma
 
     def enough(self, fast: int, most: int) -> int:
         """How many of `most` calls of a strong prior are of use: all without noise, those of a `fast` effort with much.
@@ -72,7 +101,7 @@ class Schedule:
         """
         if not np.any(self.product):
             return most
-        return min(most, round(fast + TUNED.more * (TUNED.sigma / max(self.sigma, TUNED.sigma)) ** 4))
+        return min(most, round(fast + TUNED.more * (self.quiet / max(self.sigma, self.quiet)) ** 4))
 
     def settling(self, begins: int, ends: int) -> Schedule:
         """The schedule for a strong prior that serves from iteration `begins` to `ends`, counted from 0."""
@@ -94,7 +123,10 @@ def schedule_for(op: SensingOperator, noise: float | np.ndarray, sigma: float | 
     it is mostly texture then, and for 20 frames of all views or more; up to 6.3 for one frame. It is smaller for strong
     noise, since the best weight of total variation then grows like the noise and not like its square.
 
-    Without noise sigma is 0.05. With noise it is the geometric mean of that and of the sigma at which rho is 0.15 of
+    Without noise sigma is 0.05 for 20 frames of all views and mask elements of one pixel. It grows with the side of the
+    elements and with the root of the number of frames, as the errors do that a prior is to remove: those of the first
+    estimates look like the masks, and coarse noise has more power at the frequencies that a scene has. It is not
+    smaller for fewer frames. With noise sigma is the geometric mean of that and of the sigma at which rho is 0.15 of
     the mean gram, if that is larger: a larger one would hide motion and detail, and a smaller one slow the data down.
     Where pixels differ in noise, each has its own rho, and the mean product decides on sigma.
 
@@ -108,7 +140,9 @@ def schedule_for(op: SensingOperator, noise: float | np.ndarray, sigma: float | 
     balance = TUNED.balance * (1 + max((1 + USUAL) / (1 + frames) - 1, 0) * loud)
     product = balance * noise**2 / (1 + in_x) if gram > 0 else 0.0
     mean = float(np.mean(product))
+    quiet = TUNED.sigma * max(element(op) * float(np.sqrt(frames / USUAL)), 1.0)
     if sigma is not None:
-        return Schedule(product, sigma)
-    soft = max(TUNED.sigma, mean / (TUNED.softest * gram)) if mean > 0 else TUNED.sigma
-    return Schedule(product, float(np.sqrt(soft * TUNED.sigma)), TUNED.settled ** float(np.mean(1 - loud)))
+        return Schedule(product, sigma, quiet=quiet)
+    soft = max(quiet, mean / (TUNED.softest * gram)) if mean > 0 else quiet
+    settled = TUNED.settled ** float(np.mean(1 - loud))
+    return Schedule(product, float(np.sqrt(soft * quiet)), settled, quiet=quiet)

@@ -1,11 +1,14 @@
 """How strongly to denoise and how far to trust the data, from the noise and the masks."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
+from scipy.ndimage import gaussian_filter
 
 import pnp_sci
 from pnp_sci import SensingOperator
-from pnp_sci.solvers.schedule import contrast, schedule_for
+from pnp_sci.solvers.schedule import contrast, element, schedule_for
 from priors.tv import TV
 
 
@@ -40,12 +43,67 @@ def test_noise_counts_the_more_the_fewer_frames_there_are():
     np.testing.assert_allclose([*faint, loud[-1]], faint[0], rtol=1e-3)
 
 
-def test_without_noise_the_data_are_met_and_sigma_is_the_same_for_all_sizes():
-    quiet = [schedule_for(planes_of(*size), 0) for size in ((2, 3), (1, 8), (2, 6), (2, 10), (2, 14))]
+def blocks(shape, side):
+    """Random masks of square elements."""
+    views, frames, rows, columns = shape
+    small = pnp_sci.random_masks((views, frames, -(-rows // side), -(-columns // side)), seed=2)
+    return small.repeat(side, 2).repeat(side, 3)[:, :, :rows, :columns].astype(np.float64)
+
+
+@pytest.mark.parametrize("side", [1, 2, 3, 4])
+@pytest.mark.parametrize("shape", [(1, 8, 96, 96), (2, 3, 64, 128)])
+def test_the_side_of_mask_elements(shape, side):
+    masks = blocks(shape, side)
+    lamp = 0.3 + np.hypot(*np.meshgrid(*(np.linspace(0, 1, n) for n in shape[:1:-1])))
+    grey = -3 * masks * 0.2 + 0.5  # another level and contrast
+    for seen in (masks, masks + 5 * lamp, grey):
+        assert element(SensingOperator(seen)) == pytest.approx(side, rel=0.15)
+
+
+def test_blurred_masks_have_larger_elements():
+    masks = blocks((2, 4, 80, 80), 1)
+    sides = [element(SensingOperator(gaussian_filter(masks, (0, 0, blur, blur)))) for blur in (0.3, 0.5, 0.7, 1.0)]
+    assert sides == sorted(sides)
+    assert sides[0] < 1.1
+    assert 2 < sides[2] < 2.6
+
+
+@pytest.mark.parametrize(
+    "masks", [np.ones((2, 3, 8, 8)), np.zeros((1, 2, 8, 8)), blocks((1, 1, 8, 8), 2), np.eye(2)[None, None, :1]]
+)
+def test_masks_without_a_change_have_elements_of_one_pixel(masks):
+    assert element(SensingOperator(masks)) == 1
+
+
+def test_without_noise_the_data_are_met_and_sigma_is_the_same_for_few_frames():
+    quiet = [schedule_for(planes_of(*size), 0) for size in ((2, 3), (1, 8), (2, 6), (2, 10))]
     assert len({schedule.at(iteration) for schedule in quiet for iteration in (0, 1, 30, 500)}) == 1
     sigma, rho = quiet[0].at(0)
     assert sigma > 0
     assert rho == 0
+
+
+def test_sigma_grows_with_mask_elements_and_frames_and_noise_leaves_as_many_calls():
+    usual = schedule_for(planes_of(2, 10), 0)
+    coarse, many, few = (
+        schedule_for(SensingOperator(blocks(s, 3)), 0) for s in ((2, 10, 96, 96), (2, 20, 96, 96), (1, 2, 96, 96))
+    )
+    assert coarse.sigma == pytest.approx(3 * usual.sigma, rel=0.1)
+    assert many.sigma == pytest.approx(np.sqrt(2) * coarse.sigma, rel=0.1)
+    assert few.sigma == usual.sigma
+    for schedule in (usual, coarse, many):
+        assert replace(schedule, product=1.0).enough(20, 100) == 80
+
+
+def test_coarse_masks_are_solved_better_than_with_a_fixed_sigma():
+    scene = pnp_sci.datasets.embedded_scene(96)
+    masks = blocks(scene.masks.shape, 3)
+    y = pnp_sci.simulate(scene.truth, masks)
+    fixed, ruled = (
+        pnp_sci.solve(y, masks, "tv", sigma=s, init="adjoint", scene="full", iterations=30) for s in (0.05, None)
+    )
+    assert np.mean(pnp_sci.psnr(ruled.x, scene.truth)) > np.mean(pnp_sci.psnr(fixed.x, scene.truth)) + 0.5
+    assert ruled.settings["plan"][0]["sigma"][0] > 0.1
 
 
 @pytest.mark.parametrize("size", [(1, 8), (2, 20)])
