@@ -29,8 +29,8 @@ def masks_of(kind, shape, seed):
         return given[:views, :frames, top : top + picture[0], left : left + picture[1]]
     if kind == "blurred":
         return gaussian_filter(pnp_sci.moving_masks(shape, seed=seed).astype(np.float32), (0, 0, 0.7, 0.7))
-    small = pnp_sci.moving_masks((views, frames, *(n // kind for n in picture)), seed=seed)
-    return small.repeat(kind, 2).repeat(kind, 3)
+    small = pnp_sci.moving_masks((views, frames, *(-(-n // kind) for n in picture)), seed=seed)
+    return small.repeat(kind, 2).repeat(kind, 3)[:, :, : picture[0], : picture[1]]
 
 
 def scenes(kind, views, frames, count):
@@ -52,7 +52,7 @@ def captures():
         late = (np.rot90(a, turn, (-2, -1)) for a in (alone[second].y, alone[second].masks, videos[second]))
         y, masks, truth = ((a[..., :-shift, :-shift], b[..., shift:, shift:]) for a, b in zip(early, late, strict=True))
         white = [np.quantile(view, 0.995) for view in truth]
-        yield np.concatenate(masks), sum(y), np.stack([view / w for view, w in zip(truth, white)]), white
+        yield np.concatenate(masks), sum(y), np.stack([np.clip(view / w, 0, 1) for view, w in zip(truth, white)]), white
 
 
 def decibels(x, truth, white=1.0):

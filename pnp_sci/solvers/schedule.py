@@ -11,6 +11,8 @@ from pnp_sci.sensing.operator import SensingOperator
 
 HALF_OPEN = 0.22  # spread over level of 20 binary masks of density 1/2
 USUAL = 20  # frames of all views of the dual-view benchmark
+COARSEST = 5.0  # largest sigma without noise, in units of the usual one: a larger one hides motion
+NOTHING = 1e-12  # mean square of changes between masks that are rounding errors, with 1 for the largest mask
 REACH = 4  # pixels: how far away neighbours are that a mask is compared with
 CHANCE = 0.1  # correlation of random masks of few pixels: smaller and negative ones do not count
 
@@ -19,7 +21,7 @@ CHANCE = 0.1  # correlation of random masks of few pixels: smaller and negative 
 class ScheduleNumbers(Tuned):
     """How strongly the prior denoises and how far the data are trusted, in units where x spans [0, 1]."""
 
-    sigma: float = 0.05  # sigma without noise, for USUAL frames of all views or fewer and mask elements of one pixel
+    sigma: float = 0.05  # sigma without noise, for up to USUAL frames of all views and mask elements of one pixel
     balance: float = 0.6  # sigma * rho per variance of the noise, for faint noise or USUAL frames of all views
     loud: float = 0.03  # noise in a pixel of x at which fewer frames have half of their larger balance
     softest: float = 0.15  # largest rho in units of the mean gram, if sigma were to follow the noise
@@ -49,23 +51,36 @@ def element(op: SensingOperator) -> float:
     """Side of the elements of the masks in pixels, >= 1: for square elements as large as that, at random.
 
     Of the correlation c of such masks with themselves, moved by d pixels, the squares sum up to
-    ``((2 w^2 + 1) / (3 w))^2`` over rows and columns, with w the side. Blurred masks have larger elements too.
-    What the masks of all frames have in common is not counted. Only the first mask of each view is looked at; of a
-    sequence, those of the first measurement.
+    ``((2 w^2 + 1) / (3 w))^2`` over rows and columns, with w the side. Blurred masks have larger elements too. What the
+    masks of a view have in common does not count, nor what comes back further away, as in masks that are repeated.
+    Elements of more than five pixels seem smaller. Of a sequence the masks of the first measurement count, of a mosaic
+    those of its planes.
 
     >>> masks = np.random.default_rng(0).integers(0, 2, (1, 8, 64, 64)).repeat(3, 2).repeat(3, 3)
     >>> round(element(SensingOperator(masks)), 1)
     3.0
     """
+    from scipy.ndimage import label
+
     masks = op.parts[0].masks
-    change = masks[:, 0] - masks.mean((0, 1), dtype=np.float64)
-    power = np.abs(np.fft.rfft2(change - change.mean((1, 2), keepdims=True))) ** 2
-    moved = np.fft.irfft2(power.sum(0), change.shape[1:])
-    if not moved[0, 0] > 0:
+    largest = float(np.abs(masks).max())
+    if largest == 0:
+        return 1.0
+    power = np.float64(0)
+    for view in masks:
+        common = view.mean(0, dtype=np.float64)
+        for mask in view:
+            change = (mask - common) / largest
+            power = power + np.abs(np.fft.rfft2(change - change.mean())) ** 2
+    moved = np.fft.irfft2(power, masks.shape[2:])
+    if moved[0, 0] < NOTHING:
         return 1.0
     rows, columns = (np.arange(-n, n + 1) for n in (min(REACH, (size - 1) // 2) for size in moved.shape))
     alike = moved[np.ix_(rows, columns)] / moved[0, 0]
-    side = float(np.sqrt(np.sum(alike[alike > CHANCE] ** 2)))
+    regions = np.zeros(alike.shape, int)
+    label(alike > CHANCE, output=regions)
+    around = regions == regions[len(rows) // 2, len(columns) // 2]
+    side = float(np.sqrt(np.sum(alike[around] ** 2)))
     return (3 * side + float(np.sqrt(max(9 * side**2 - 8, 1.0)))) / 4
 
 
@@ -123,11 +138,11 @@ def schedule_for(op: SensingOperator, noise: float | np.ndarray, sigma: float | 
     it is mostly texture then, and for 20 frames of all views or more; up to 6.3 for one frame. It is smaller for strong
     noise, since the best weight of total variation then grows like the noise and not like its square.
 
-    Without noise sigma is 0.05 for 20 frames of all views and mask elements of one pixel. It grows with the side of the
-    elements and with the root of the number of frames, as the errors do that a prior is to remove: those of the first
-    estimates look like the masks, and coarse noise has more power at the frequencies that a scene has. It is not
-    smaller for fewer frames. With noise sigma is the geometric mean of that and of the sigma at which rho is 0.15 of
-    the mean gram, if that is larger: a larger one would hide motion and detail, and a smaller one slow the data down.
+    Without noise sigma is 0.05 for up to 20 frames of all views and mask elements of one pixel. It grows with the side
+    of the elements and with the root of the number of frames, up to 0.25, as the errors do that a prior is to remove:
+    those of the first estimates look like the masks, and coarse noise has more power at the frequencies of a scene.
+    With noise sigma is the geometric mean of 0.05 and of the sigma at which rho is 0.15 of the mean gram, if that is
+    larger: a larger one would hide motion and detail, and a smaller one slow the data down.
     Where pixels differ in noise, each has its own rho, and the mean product decides on sigma.
 
     Without noise the limit of a strong prior, which minimises nothing, depends on sigma: the smaller, the more detail
@@ -140,9 +155,9 @@ def schedule_for(op: SensingOperator, noise: float | np.ndarray, sigma: float | 
     balance = TUNED.balance * (1 + max((1 + USUAL) / (1 + frames) - 1, 0) * loud)
     product = balance * noise**2 / (1 + in_x) if gram > 0 else 0.0
     mean = float(np.mean(product))
-    quiet = TUNED.sigma * max(element(op) * float(np.sqrt(frames / USUAL)), 1.0)
+    quiet = TUNED.sigma * min(max(element(op) * float(np.sqrt(frames / USUAL)), 1.0), COARSEST)
     if sigma is not None:
         return Schedule(product, sigma, quiet=quiet)
-    soft = max(quiet, mean / (TUNED.softest * gram)) if mean > 0 else quiet
+    soft = max(TUNED.sigma, mean / (TUNED.softest * gram)) if mean > 0 else TUNED.sigma
     settled = TUNED.settled ** float(np.mean(1 - loud))
-    return Schedule(product, float(np.sqrt(soft * quiet)), settled, quiet=quiet)
+    return Schedule(product, max(quiet, float(np.sqrt(soft * TUNED.sigma))), settled, quiet=quiet)

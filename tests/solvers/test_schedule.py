@@ -13,7 +13,7 @@ from priors.tv import TV
 
 
 def planes_of(views, frames):
-    return SensingOperator(pnp_sci.random_masks((views, frames, 24, 24), seed=1))
+    return SensingOperator(pnp_sci.random_masks((views, frames, 48, 48), seed=1))
 
 
 def test_the_contrast_of_masks():
@@ -69,10 +69,38 @@ def test_blurred_masks_have_larger_elements():
 
 
 @pytest.mark.parametrize(
-    "masks", [np.ones((2, 3, 8, 8)), np.zeros((1, 2, 8, 8)), blocks((1, 1, 8, 8), 2), np.eye(2)[None, None, :1]]
+    "masks",
+    [
+        np.ones((2, 3, 8, 8)),
+        np.zeros((1, 2, 8, 8)),
+        blocks((1, 1, 8, 8), 2),
+        np.eye(2)[None, None, :1],
+        np.ones((2, 10, 1, 1)),
+        blocks((1, 1, 30, 30), 2).repeat(4, 1),
+    ],
 )
-def test_masks_without_a_change_have_elements_of_one_pixel(masks):
+def test_masks_that_do_not_change_have_elements_of_one_pixel(masks):
     assert element(SensingOperator(masks)) == 1
+
+
+@pytest.mark.parametrize("factor", [1e-161, 1e152, -3.0])
+def test_the_unit_of_the_masks_does_not_matter(factor):
+    with np.errstate(over="raise", invalid="raise", divide="raise"):
+        assert element(SensingOperator(factor * blocks((1, 4, 60, 60), 2))) == pytest.approx(2, rel=0.1)
+
+
+def test_frames_and_views_of_other_brightness_are_no_elements():
+    """Neither a closed shutter nor shading is a pattern; a tile that is repeated has the elements of the tile."""
+    masks, (rows, columns) = blocks((2, 10, 96, 96), 1), np.mgrid[0.2:1.2:96j, 0.2:1.2:96j]
+    first = (np.arange(10) == 0)[:, None, None]
+    for seen in (
+        np.where(first, 0.0, masks * rows),
+        (0.4 + 0.3 * masks) * rows * np.where(first, 0.5, 1),
+        (0.4 + 0.2 * masks) * np.stack([rows, columns])[:, None],
+        np.tile(masks[..., :4, :4], (24, 24)),
+        np.tile(masks[..., :3, :3], (32, 32)),
+    ):
+        assert element(SensingOperator(seen)) < 1.2
 
 
 def test_without_noise_the_data_are_met_and_sigma_is_the_same_for_few_frames():
@@ -93,6 +121,15 @@ def test_sigma_grows_with_mask_elements_and_frames_and_noise_leaves_as_many_call
     assert few.sigma == usual.sigma
     for schedule in (usual, coarse, many):
         assert replace(schedule, product=1.0).enough(20, 100) == 80
+
+
+@pytest.mark.parametrize("noise", [0.1, 1.0, 3.0])
+def test_noise_raises_sigma_above_that_of_the_masks_only_if_it_would_without_them(noise):
+    """Coarse masks and noise together do not hide the motion."""
+    fine, coarse = (SensingOperator(blocks((2, 10, 96, 96), side)) for side in (1, 3))
+    loud, both, quiet = (schedule_for(*of).sigma for of in ((fine, noise), (coarse, noise), (coarse, 0)))
+    assert both == pytest.approx(max(loud, quiet), rel=0.1)
+    assert schedule_for(SensingOperator(blocks((2, 20, 96, 96), 12)), 0).sigma == pytest.approx(0.25)
 
 
 def test_coarse_masks_are_solved_better_than_with_a_fixed_sigma():
