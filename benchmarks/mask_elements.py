@@ -45,7 +45,7 @@ def scenes(kind, views, frames, count):
 def captures():
     """Two real captures in one measurement, the second of them turned; and for "truth" what each gives alone."""
     alone = {name: pnp_sci.datasets.real(name) for name in ("wheel", "hand")}
-    videos = {name: pnp_sci.solve(scene.y, scene.masks, init="adjoint").x[0] for name, scene in alone.items()}
+    videos = {name: pnp_sci.solve(scene.y, scene.masks, "auto").x[0] for name, scene in alone.items()}
     shift = 16
     for first, second, turn in (("wheel", "hand", 0), ("wheel", "hand", 2), ("wheel", "wheel", 2), ("hand", "hand", 2)):
         early = alone[first].y, alone[first].masks, videos[first]
