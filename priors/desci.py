@@ -131,8 +131,8 @@ class DeSCI(Prior):
 
         The levels are those of a solver whose sigma is 0.05, as it is by default without noise for 20 frames or fewer
         and masks of random pixels; give ``sigma=0.05`` otherwise. Patches have 9 x 9 to 6 x 6 pixels. All frames are
-        searched 30 pixels around the same place. Groups serve 20 calls. Singular values
-        are shrunk in closed form. Frames of 256 x 256 take many hours.
+        searched 30 pixels around the same place. Groups serve 20 calls. Singular values are shrunk in closed form.
+        Frames of 256 x 256 take many hours.
         """
         stages = []
         for level, side, patches in PUBLISHED:

@@ -1,7 +1,5 @@
 """How strongly to denoise and how far to trust the data, from the noise and the masks."""
 
-from dataclasses import replace
-
 import numpy as np
 import pytest
 from scipy.ndimage import gaussian_filter
@@ -111,7 +109,7 @@ def test_without_noise_the_data_are_met_and_sigma_is_the_same_for_few_frames():
     assert rho == 0
 
 
-def test_sigma_grows_with_mask_elements_and_frames_and_noise_leaves_as_many_calls():
+def test_sigma_grows_with_mask_elements_and_frames():
     usual = schedule_for(planes_of(2, 10), 0)
     coarse, many, few = (
         schedule_for(SensingOperator(blocks(s, 3)), 0) for s in ((2, 10, 96, 96), (2, 20, 96, 96), (1, 2, 96, 96))
@@ -119,8 +117,16 @@ def test_sigma_grows_with_mask_elements_and_frames_and_noise_leaves_as_many_call
     assert coarse.sigma == pytest.approx(3 * usual.sigma, rel=0.1)
     assert many.sigma == pytest.approx(np.sqrt(2) * coarse.sigma, rel=0.1)
     assert few.sigma == usual.sigma
-    for schedule in (usual, coarse, many):
-        assert replace(schedule, product=1.0).enough(20, 100) == 80
+
+
+def test_noise_takes_calls_away_where_it_is_louder_than_the_errors_of_coarse_masks():
+    op = SensingOperator(blocks((2, 10, 96, 96), 3))
+    calls = [schedule_for(op, noise).enough(20, 100) for noise in (0, 1e-9, 1.0, 3.0, 10.0)]
+    assert calls[:3] == [100, 80, 80]
+    assert 20 <= calls[4] <= calls[3] < 40
+    given = [schedule_for(op, 1e-9, sigma=sigma).enough(20, 100) for sigma in (0.05, 0.15, 0.5)]
+    assert given[:2] == [80, 80]
+    assert given[2] < 40
 
 
 @pytest.mark.parametrize("noise", [0.1, 1.0, 3.0])
