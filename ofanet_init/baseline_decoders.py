@@ -41,7 +41,7 @@ class BaselineDecoder(Decoder):
         height, width = problem.op.shape[2:]
         place = usable(self.device)
         network = network_for(self.model, problem, place)
-        y, masks = tensors(problem, place)
+        y, masks = tensors(problem, network, place)
         padding = (0, -width % network.multiple, 0, -height % network.multiple)
         y = functional.pad(y, padding, "replicate")
         masks = functional.pad(masks[0], padding, "replicate")[None]

@@ -105,7 +105,8 @@ def _decoded(network: OFaNet, problem: Problem, place: torch.device, refine: boo
 
     def estimate(rows: slice) -> np.ndarray:
         with running(place):
-            video = network(*tensors(problem, place, rows), refine, orders=op.shape[0], passes=passes).refined
+            y, masks = tensors(problem, network, place, rows)
+            video = network(y, masks, refine, orders=masks.shape[1], passes=passes).refined
         return in_units_of(problem, video)
 
     if refine and network.refiners:  # optical flow needs whole frames

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import re
 from dataclasses import asdict
 from pathlib import Path
 from typing import Any
@@ -21,6 +22,21 @@ MODELS: dict[str, tuple[Any, Any]] = {  # name -> network, its configuration
     OFaNet.model: (OFaNet, OFaNetConfig),
     **{network.model: (network, BaselineConfig) for network in (UNet, ADMMNet, BIRNAT)},
 }
+
+
+def path(model: str, views: int, frames: int) -> Path:
+    """Where the weights of a network for V and B are."""
+    return FOLDER / f"{_prefix(model)}v{views}b{frames}.safetensors"
+
+
+def sizes(model: str) -> list[tuple[int, int]]:
+    """Views and frames of the networks `model` that have weights, in order."""
+    names = (re.fullmatch(rf"{_prefix(model)}v(\d+)b(\d+)", file.stem) for file in FOLDER.glob("*.safetensors"))
+    return sorted((int(name[1]), int(name[2])) for name in names if name)
+
+
+def _prefix(model: str) -> str:
+    return "" if model == OFaNet.model else f"{model}-"
 
 
 def save(path: str | Path, network: Any) -> str:

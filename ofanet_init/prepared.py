@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 from functools import cache
 from typing import Any
@@ -10,6 +11,7 @@ import numpy as np
 import torch
 
 from ofanet_init import files as _weights
+from ofanet_init.places import placed, places, taken
 from pnp_sci._tuned import Tuned
 from pnp_sci.accel.inference import ready
 from pnp_sci.errors import InputError
@@ -26,27 +28,29 @@ class DecoderNumbers(Tuned):
 
 TUNED = DecoderNumbers()
 
+EMPTY = 0.5  # largest part of a network's places without a frame: what it decodes with more is far from the scene
+
 
 @cache
 def trained(model: str, views: int, frames: int, device: torch.device) -> Any:
-    """The network `model` of this package for V and B, ready on a device.
+    """The network `model` of this package for V and B, or the smallest for more frames, ready on a device.
 
     Raises
     ------
     InputError
-        If there are no weights for so many views and frames.
+        If no network has so many places, at least half of which are taken then.
     """
-    prefix = "" if model == "ofanet" else f"{model}-"
-    path = _weights.FOLDER / f"{prefix}v{views}b{frames}.safetensors"
-    if not path.is_file():
-        stems = (file.stem.removeprefix(prefix) for file in _weights.FOLDER.glob(f"{prefix}v*.safetensors"))
-        known = ", ".join(sorted(stem[1:].replace("b", " x ") for stem in stems))
+    sizes, count = _weights.sizes(model), views * frames
+    fitting = [size for size in sizes if places((views, frames), *size) and count >= (1 - EMPTY) * math.prod(size)]
+    if not fitting:
+        known = ", ".join("{} x {}".format(*size) for size in sizes)
         title = _weights.MODELS[model][0].title
         raise InputError(
-            f"masks has {views} x {frames} frames: {title} has weights for {known or 'none'} (views x frames); "
+            f"masks has {views} x {frames} frames: {title} has weights for {known or 'none'} (views x frames), "
+            f"which serve down to half as many frames; "
             f"others can be trained with 'python -m ofanet_init.train --model {model}'"
         )
-    return ready(_weights.load(path, model)[0], device)
+    return ready(_weights.load(_weights.path(model, *min(fitting, key=math.prod)), model)[0], device)
 
 
 def network_for(model: str, problem: Problem, device: torch.device) -> Any:
@@ -55,25 +59,31 @@ def network_for(model: str, problem: Problem, device: torch.device) -> Any:
     Raises
     ------
     InputError
-        If there are no weights for so many views and frames, or a mask is negative.
+        If no network fits so many views and frames, or a mask is negative.
     """
     if problem.op.masks.min() < 0:
         raise InputError("masks has negative values: learned decoders need masks >= 0")
     return trained(model, *problem.op.shape[:2], device)
 
 
-def tensors(problem: Problem, device: torch.device, rows: slice = slice(None)) -> tuple[torch.Tensor, torch.Tensor]:
-    """Measurement (1, H, W) and masks (1, V, B, H, W), or some rows of them, in the units of the training clips."""
+def tensors(
+    problem: Problem, network: Any, device: torch.device, rows: slice = slice(None)
+) -> tuple[torch.Tensor, torch.Tensor]:
+    """Measurement (1, H, W) and masks (1, V, B, H, W), or some rows of them, in the units of the training clips.
+
+    V and B are those of the network.
+    """
     masks = problem.op.masks[:, :, rows]
     largest = float(problem.op.masks.max()) or 1.0
     coded = torch.from_numpy(masks.astype(np.float32) / np.float32(largest))[None]
     y = torch.from_numpy((problem.y[rows] * (TUNED.brightness / largest)).astype(np.float32))[None]
-    return y.to(device), coded.to(device)
+    return y.to(device), placed(coded.to(device), network.config.views, network.config.frames)
 
 
 def in_units_of(problem: Problem, video: torch.Tensor) -> np.ndarray:
-    """A network's video (1, V, B, H, W) as an array (V, B, H, W) in the problem's units."""
-    return (video[0].float().cpu().numpy() / np.float32(TUNED.brightness)).astype(problem.op.dtype)
+    """A network's video (1, V, B, H, W) as an array (V, B, H, W) in the problem's units, with its frames only."""
+    views, frames = problem.op.shape[:2]
+    return (taken(video, (views, frames))[0].float().cpu().numpy() / np.float32(TUNED.brightness)).astype(problem.op.dtype)
 
 
 def projected(problem: Problem, video: np.ndarray) -> np.ndarray:

@@ -8,14 +8,14 @@ from dataclasses import dataclass
 import numpy as np
 import torch
 
+from ofanet_init.train.masks import random_masks
 from pnp_sci.training.clips import Clip
 
 STILL = 0.2  # fraction of samples that are panned photographs
 PAN = 3.0  # pixels per frame: largest pan of a photograph
 INDEPENDENT = 0.1  # fraction of batches with independent masks; the others have one moving pattern
-CAMERA = 0.5  # fraction of moving masks with the benchmark's step and shift, see pnp_sci.moving_masks
-REACH, SHIFT = 2, 30  # pixels: largest step between frames and largest shift between views of the others
-LEAK = 0.2  # fraction of masks whose closed elements transmit some light
+DIM = 0.5  # fraction of samples with darker views
+DARKEST = 0.3  # smallest brightness of a darker view
 NOISY = 0.3  # fraction of measurements with noise
 LOUDEST = 0.2  # of max(y): largest standard deviation of the noise
 
@@ -89,39 +89,6 @@ class Scenes:
         return self.bytes[base + (time * rows + row) * columns + column].float() / 255
 
 
-def random_masks(random: torch.Generator, shape: tuple[int, int, int, int, int], independent: bool) -> torch.Tensor:
-    """Random masks (N, V, B, H, W) in [0, 1]: one pattern per sample, shifted from frame to frame and view to view.
-
-    If `independent`, the frames have independent patterns.
-    """
-    samples, views, frames, rows, columns = shape
-    device = random.device
-
-    def uniform(*size: int) -> torch.Tensor:
-        return torch.rand(*size, device=device, generator=random)
-
-    density = torch.where(uniform(samples) < 0.5, 0.5, 0.3 + 0.4 * uniform(samples))[:, None, None, None, None]
-    closed = torch.where(uniform(samples) < LEAK, 0.2 * uniform(samples), 0.0)[:, None, None, None, None]
-    if independent:
-        return torch.where(uniform(*shape) < density, 1.0, closed)
-    span = max(rows, columns) + 64  # the pattern is periodic
-    pattern = uniform(samples, span, span)
-    camera = uniform(samples) < CAMERA
-    step = ((2 * REACH + 1) * uniform(samples, 2)).floor() - REACH
-    shift = ((2 * SHIFT + 1) * uniform(samples, 2)).floor() - SHIFT
-    step, shift = (  # numbers, not tensors, in `where`: no synchronisation with the device
-        torch.stack([torch.where(camera, its, own) for its, own in zip(moves, drawn.unbind(1))], 1).long()
-        for moves, drawn in (((1, -1), step), ((15, -18), shift))
-    )
-    v = torch.arange(views, device=device)[None, :, None, None]
-    b = torch.arange(frames, device=device)[None, None, :, None]
-    moved = v * shift[:, None, None] + b * step[:, None, None]  # (N, V, B, 2)
-    i = (torch.arange(rows, device=device) - moved[..., :1]).remainder(span)[..., :, None]
-    j = (torch.arange(columns, device=device) - moved[..., 1:]).remainder(span)[..., None, :]
-    n = torch.arange(samples, device=device)[:, None, None, None, None]
-    return torch.where(pattern[n, i, j] < density, 1.0, closed)
-
-
 def generator(device: torch.device, seed: int, rank: int, step: int) -> torch.Generator:
     """A random generator on `device`, seeded by seed, rank and step."""
     state = np.random.SeedSequence([seed, rank, step]).generate_state(1, np.uint64)[0] >> np.uint64(1)
@@ -133,6 +100,8 @@ def batch(scenes: Scenes, seed: int, rank: int, step: int, shape: tuple[int, int
     samples, views, frames, size = shape[:4]
     random = generator(scenes.device, seed, rank, step)
     truth = scenes.crops(random, samples * views, frames, size).unflatten(0, (samples, views))
+    dim, factor = (torch.rand(samples, n, 1, 1, 1, device=scenes.device, generator=random) for n in (1, views))
+    truth = truth * torch.where(dim < DIM, DARKEST + (1 - DARKEST) * factor, 1.0)
     # drawn on the host to avoid a synchronisation; the 1 makes it independent of the choice of the window
     independent = np.random.default_rng([seed, rank, step, 1]).random() < INDEPENDENT
     masks = random_masks(random, shape, independent)

@@ -85,9 +85,46 @@ def test_decode_takes_masks_of_any_type_and_scale(trained, case, kind):
     assert np.allclose(other, x, atol=2e-2 * np.abs(x).max())
 
 
-def test_missing_weights_are_named(trained, small):
-    with pytest.raises(InputError, match=r"2 x 10 frames.*2 x 4"):
-        pnp_sci.decode(small.y, small.masks, model="ofanet")
+@pytest.mark.parametrize("model", ["ofanet", "ofanet-fast"])
+@pytest.mark.parametrize("shape", [(2, 3), (2, 2), (1, 8), (1, 7), (1, 4)])
+def test_fewer_frames_take_the_weights_for_more(trained, small, shape, model):
+    count = shape[0] * shape[1]
+    masks, truth = (a.reshape(-1, 48, 48)[:count].reshape(*shape, 48, 48) for a in (small.masks, small.truth))
+    y = pnp_sci.simulate(truth, masks)
+    x = pnp_sci.decode(y, masks, model=model).x
+    assert x.shape == truth.shape
+    assert np.abs((masks * x).sum((0, 1)) - y).mean() < 0.05 * y.mean(), "it measures y"
+    assert pnp_sci.solve(y, masks, init=model, iterations=1).settings["init"] == model
+
+
+def test_own_weights_come_first(trained, case):
+    before = pnp_sci.decode(*case, model="ofanet-fast").x
+    y, masks = case
+    fewer = pnp_sci.simulate(before[:, :3].clip(0), masks[:, :3]), masks[:, :3]
+    by_more = pnp_sci.decode(*fewer, model="ofanet-fast").x
+    weights.save(trained / "v2b3.safetensors", make(frames=3))
+    prepared.trained.cache_clear()
+    assert not np.array_equal(pnp_sci.decode(*fewer, model="ofanet-fast").x, by_more)
+    assert np.array_equal(pnp_sci.decode(y, masks, model="ofanet-fast").x, before)
+
+
+@pytest.mark.parametrize(("views", "frames"), [(1, 6), (1, 14), (1, 20), (2, 8), (2, 12)])
+def test_shipped_weights_serve_fewer_frames(views, frames):
+    """They are better than total variation on a scene that they have never seen."""
+    scene = pnp_sci.datasets.embedded_scene(96)
+    truth = np.concatenate([scene.truth, scene.truth[:, ::-1]], 1)[:views, :frames]
+    masks = pnp_sci.moving_masks(truth.shape)
+    y = pnp_sci.simulate(truth, masks)
+    decoded, tv = pnp_sci.decode(y, masks, model="ofanet-fast"), pnp_sci.solve(y, masks, "tv", effort="fast")
+    assert np.mean(pnp_sci.psnr(decoded.x, truth)) > np.mean(pnp_sci.psnr(tv.x, truth))
+
+
+@pytest.mark.parametrize("shape", [(2, 10), (1, 9), (1, 3), (2, 1), (3, 2)])
+def test_missing_weights_are_named(trained, small, shape):
+    """So are those for more than twice as many frames: a network with mostly empty places shows little of the scene."""
+    masks = np.resize(small.masks, (*shape, 48, 48))
+    with pytest.raises(InputError, match=rf"{shape[0]} x {shape[1]} frames.*2 x 4"):
+        pnp_sci.decode(small.y, masks, model="ofanet")
 
 
 def test_negative_masks_are_refused(trained, case):

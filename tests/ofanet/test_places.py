@@ -1,0 +1,38 @@
+"""Frames of a measurement at their places in a network for more frames."""
+
+import pytest
+from hypothesis import assume, given
+from hypothesis import strategies as st
+
+torch = pytest.importorskip("torch")
+places = pytest.importorskip("ofanet_init.places")
+
+few = st.integers(1, 4)
+sizes = st.tuples(few, st.integers(1, 12))
+
+
+@given(given_size=sizes, views=few, frames=st.integers(1, 12))
+def test_each_frame_has_a_place_of_its_own_if_there_are_enough(given_size, views, frames):
+    where = places.places(given_size, views, frames)
+    each = views // given_size[0]
+    assert (where is None) == (given_size[1] > each * frames)
+    if where is not None:
+        assert len(set(where)) == given_size[0] * given_size[1]
+        assert 0 <= min(where) <= max(where) < views * frames
+        owners = [{place // frames for place in where[v * given_size[1] :][: given_size[1]]} for v in range(given_size[0])]
+        assert sum(map(len, owners)) == len(set().union(*owners)), "no two views share a view of the network"
+
+
+@given(size=sizes)
+def test_a_network_of_this_size_has_the_frames_in_order(size):
+    assert places.places(size, *size) == list(range(size[0] * size[1]))
+
+
+@given(size=sizes, views=few, frames=st.integers(1, 12))
+def test_what_is_placed_can_be_taken(size, views, frames):
+    assume(places.places(size, views, frames))
+    planes = 1 + torch.arange(2 * size[0] * size[1] * 6.0).view(2, *size, 2, 3)
+    whole = places.placed(planes, views, frames)
+    assert whole.shape == (2, views, frames, 2, 3)
+    assert (whole != 0).sum() == planes.numel(), "the other places are empty"
+    assert torch.equal(places.taken(whole, size), planes)
