@@ -72,6 +72,11 @@ def reconstruct(
     sensor = camera(noise, gain, full_scale, bits)
     import pnp_sci
 
+    for option, file in (("--masks", masks_file), ("--bad", Path(bad or "auto"))):
+        among = file.is_file() and any(file.resolve().parent == place.resolve() for place in source)
+        if among and len(pnp_sci.io.describe(file)) == 1:
+            came = f"{option} {file} is in the folder of the measurements, where each file counts as one"
+            raise click.UsageError(f"{came}: keep it elsewhere")
     with _estimates_shown():
         result = pnp_sci.reconstruct(
             source[0] if len(source) == 1 else list(source),
