@@ -15,6 +15,7 @@ from pnp_sci.cli.inputs import (
     FILE,
     FOLDER,
     POSITIVE,
+    SEED,
     Command,
     bad_pixels,
     camera,
@@ -45,7 +46,7 @@ from pnp_sci.errors import SolverError
 @click.option("--device", help="For priors that are networks, such as cuda.")
 @click.option("--threads", type=click.IntRange(min=1), help="Of each process.  [default: cores / workers, elsewhere 1]")
 @click.option("--uncertainty", is_flag=True, help="Predict the error of each pixel: twice the time.")
-@click.option("--seed", default=0, show_default=True)
+@click.option("--seed", default=0, type=SEED, show_default=True)
 @click.option("--option", "options", multiple=True, metavar="KEY=VALUE", help="Option of the prior; may be repeated.")
 def reconstruct(
     source: tuple[Path, ...],

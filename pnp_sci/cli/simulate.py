@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING
 
 import click
 
-from pnp_sci.cli.inputs import FILE, Command, Output
+from pnp_sci.cli.inputs import FILE, SEED, Command, Output
 from pnp_sci.cli.outputs import ARRAYS
 from pnp_sci.errors import InputError
 
@@ -26,7 +26,7 @@ BRIGHTEST = 2.0  # of a video of floats: interpolation may leave [0, 1], grey le
     "--noise", default=0.0, type=click.FloatRange(min=0), show_default=True, help="Relative to the peak of y."
 )
 @click.option("--bits", type=click.IntRange(1, 32), help="Grey levels of the camera.")
-@click.option("--seed", default=0, show_default=True, help="Of the masks and the noise.")
+@click.option("--seed", default=0, type=SEED, show_default=True, help="Of the masks and the noise.")
 @click.option("--mosaic", help="Colour filters of the camera: RGGB, BGGR, GRBG or GBRG.  [default: grey]")
 @click.option("--out", type=Output(*ARRAYS), default=Path("meas.npz"), show_default=True, help=".npz, .h5 or .mat")
 def simulate(
