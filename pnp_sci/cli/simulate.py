@@ -89,7 +89,11 @@ def _unit_range(video: np.ndarray) -> np.ndarray:
     from pnp_sci._validate import white
 
     if video.dtype.kind != "f":
-        return (video / white("video", video.dtype)).astype("float32")
+        one = white("video", video.dtype, float(video.max(initial=0)))
+        if video.dtype.itemsize == 2 and one < 65535:
+            came = f"the video has values up to {video.max()} in uint16: white is taken to be {one:g}"
+            click.echo(f"Warning: {came}; for another one, store floats in [0, 1]", err=True)
+        return (video / one).astype("float32")
     if video.size and video.max() > BRIGHTEST:
         raise InputError(f"video has values up to {video.max():g}: floats in [0, 1] were expected, 1 being white")
     return video

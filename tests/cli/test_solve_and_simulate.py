@@ -146,7 +146,10 @@ def test_videos_that_do_not_fit_are_named(here):
 def test_simulate_takes_no_grey_levels_of_unknown_scale(here):
     grey = np.arange(2 * 8 * 8).reshape(2, 8, 8)
     io.write("big_endian.npy", grey.astype(">u2"))
-    assert run("simulate", "big_endian.npy", "--out", "big.npz").exit_code == 0
+    done = run("simulate", "big_endian.npy", "--out", "big.npz")
+    assert done.exit_code == 0
+    assert "white is taken to be 255" in done.stderr
+    assert io.read("big.npz", "x").max() == pytest.approx(127 / 255)
     io.write("several.npz", {"x": np.zeros((3, 2, 4, 8, 8))})
     assert "several.npz holds the videos of 3 measurements" in fails(1, "simulate", "several.npz", "--out", "m.npz")
     for name, video, message in (
