@@ -39,17 +39,17 @@ def shaped(name: str, value: Any, shape: tuple[int, ...], dtype: np.dtype) -> np
 SCALES = (255.0, 1023.0, 4095.0, 16383.0, 65535.0)  # white of 8, 10, 12, 14 and 16 bits
 
 
-def white(name: str, dtype: np.dtype, largest: float = 1.0) -> float:
-    """The value of white in pictures of this dtype: the largest of uint8 and uint16, 1 of bool.
+def white(name: str, dtype: np.dtype, largest: float) -> float:
+    """The value of white in pictures of this dtype: 255 of uint8, 1 of bool, and of floats up to 1.
 
-    Of floats it is 1, or where their `largest` value is beyond that, white of the fewest bits that hold it.
+    Of uint16, which also holds 10, 12 and 14 bits, and of other floats it is white of the fewest bits that hold the
+    `largest` value.
     """
-    if dtype.kind in "fb":
-        beyond = largest > 1 + 1e-6
-        return next((scale for scale in SCALES if scale >= largest), largest) if beyond else 1.0
-    if dtype.newbyteorder("=") not in (np.uint8, np.uint16):  # 255 in int64 would be black
+    if dtype.kind in "fb" and largest <= 1 + 1e-6:
+        return 1.0
+    if dtype.kind not in "fb" and dtype.newbyteorder("=") not in (np.uint8, np.uint16):  # 255 in int64 would be black
         raise InputTypeError(f"{name} has dtype {dtype}: floats in [0, 1], uint8 or uint16 were expected")
-    return float(np.iinfo(dtype).max)
+    return next((scale for scale in SCALES if scale >= largest), largest)
 
 
 def require_finite(name: str, array: np.ndarray, hint: str = "") -> None:

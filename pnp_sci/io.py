@@ -293,9 +293,11 @@ def _in_colour(path: Path, views: int | None, key: str | None) -> np.ndarray:
 
 def _meaning(key: str, array: np.ndarray) -> str:
     kind = next((kind for kind, names in _NAMES.items() if _field(key) in names), None)
-    if array.ndim not in (2, 3, 4) or min(array.shape[-2:]) < 2:
+    if array.ndim not in (2, 3, 4, 5) or min(array.shape[-2:]) < 2:
         return "not a picture"
     size = f"{array.shape[-2]} x {array.shape[-1]}"
+    if array.ndim == 5:
+        return f"{kind or 'frames'} of {len(array)} measurements, each {array.shape[1]} x {array.shape[2]} of {size}"
     if array.ndim == 4:
         return f"{kind or 'frames'}: {array.shape[0]} views x {array.shape[1]} frames of {size}"
     if array.ndim == 2:

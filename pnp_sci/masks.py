@@ -7,6 +7,7 @@ from typing import Any
 
 import numpy as np
 
+from pnp_sci._validate import whole
 from pnp_sci.errors import InputError
 from pnp_sci.sensing.operator import as_masks
 
@@ -40,7 +41,7 @@ def random_masks(shape: tuple[int, int, int, int], density: float = 0.5, seed: i
     0.5
     """
     views, frames, rows, columns = _checked(shape, density)
-    return np.random.default_rng(seed).random((views, frames, rows, columns), np.float32) < density
+    return np.random.default_rng(whole("seed", seed, 0)).random((views, frames, rows, columns), np.float32) < density
 
 
 def moving_masks(
@@ -85,7 +86,7 @@ def moving_masks(
     moves = np.arange(views)[:, None, None] * view_shift + np.arange(frames)[:, None] * step
     origin = moves.max((0, 1)) - moves
     extent = origin.max((0, 1)) + np.array([rows, columns])
-    pattern = np.random.default_rng(seed).random(tuple(extent), np.float32) < density
+    pattern = np.random.default_rng(whole("seed", seed, 0)).random(tuple(extent), np.float32) < density
     masks = np.empty((views, frames, rows, columns), bool)
     for v, b in np.ndindex(views, frames):
         top, left = origin[v, b]

@@ -91,12 +91,13 @@ class Case:
             return scene
         if scene.truth is None:
             raise InputError(f"case is {self.name!r}: a scene whose truth is known was expected")
-        if self.frames is not None and not 1 <= self.frames <= scene.masks.shape[1]:
-            most = scene.masks.shape[1]
+        if self.frames is not None and not 1 <= self.frames <= scene.masks.shape[-3]:
+            most = scene.masks.shape[-3]
             raise InputError(f"frames is {self.frames}: a whole number from 1 to {most} was expected for {self.scene}")
-        masks, truth = scene.masks[:, : self.frames], scene.truth[..., : self.frames, :, :]
-        films = truth.reshape(-1, *masks.shape)
-        y = np.stack([simulate(film, masks, self.noise or 0.0, seed) for seed, film in enumerate(films)])
+        masks, truth = (a[..., : self.frames, :, :] for a in (scene.masks, scene.truth))
+        films = truth.reshape(-1, *masks.shape[-4:])
+        each = np.broadcast_to(masks, films.shape)  # of all, or of each of several measurements
+        y = np.stack([simulate(*pair, self.noise or 0.0, seed) for seed, pair in enumerate(zip(films, each))])
         return replace(scene, y=y.reshape(scene.y.shape), masks=masks, truth=truth)
 
     def _from_file(self) -> datasets.Scene:
@@ -108,7 +109,7 @@ class Case:
         y, masks = io.read_measurement(file, self.key), io.read_masks(self.masks or file, self.views, self.masks_key)
         if self.reference_key is None and "x" not in {entry.key for entry in io.describe(file)}:
             return datasets.Scene(file, y, masks, None, None)
-        truth = io.read_video(file, len(masks), self.reference_key or "x")
+        truth = io.read_video(file, masks.shape[-4], self.reference_key or "x")
         if (largest := white("x", truth.dtype, float(truth.max()))) != 1:
             y, truth = y / np.float32(largest), truth / np.float32(largest)
         return datasets.Scene(file, y, masks, truth, None)

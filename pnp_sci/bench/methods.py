@@ -23,6 +23,8 @@ class Source:
     measurement, masks : path
     views, key, masks_key, index, bad : optional
         As for ``pnp-sci solve``.
+    each : bool
+        Whether the file has masks of each measurement, of which those of `index` are meant.
     """
 
     measurement: Path
@@ -32,6 +34,7 @@ class Source:
     masks_key: str | None = None
     index: int | None = None
     bad: str | None = None
+    each: bool = False
 
     def python(self) -> str:
         """Python code that reads both files."""
@@ -39,7 +42,7 @@ class Source:
         chosen = "" if self.index is None else f"[{self.index}]"
         masks = _call("io.read_masks", repr(str(self.masks)), views=self.views, key=self.masks_key)
         bad = {None: "", "auto": "bad = 'auto'\n"}.get(self.bad, f"bad = io.read({self.bad!r}) != 0\n")
-        return f"import pnp_sci\nfrom pnp_sci import io\n\ny = {y}{chosen}\nmasks = {masks}\n{bad}"
+        return f"import pnp_sci\nfrom pnp_sci import io\n\ny = {y}{chosen}\nmasks = {masks}{chosen * self.each}\n{bad}"
 
     def command(self) -> list[str]:
         """Words of the command line before the options of the method."""

@@ -28,7 +28,7 @@ CLOSE = 1.0  # dB below the best method, within which the summary names the fast
 def write(path: str | Path, comparison: Any, title: str) -> None:
     """Write the report of a :class:`~pnp_sci.bench.Comparison` atomically."""
     with replacing(Path(path)) as temporary:
-        temporary.write_text(render(comparison, title), encoding="utf-8")
+        temporary.write_text(render(comparison, title), "utf-8", "backslashreplace")
 
 
 def render(comparison: Any, title: str) -> str:

@@ -40,7 +40,7 @@ class Results:
 
     def __init__(self, path: str | Path):
         self.path = Path(path)
-        self._lock = FileLock(self.path.with_name(f".{self.path.name}.lock"))
+        self._lock = FileLock(self.path.with_name(f".{self.path.name[:60]}.lock"))
         self.rows: list[Row] = []
         self._read()
         if self.rows and not self.path.with_suffix(".csv").exists():
@@ -71,7 +71,7 @@ class Results:
             temporary.write_text(f'{{"rows": [\n{lines}\n]}}\n', encoding="utf-8")
 
     def _tabulate(self, path: Path) -> None:
-        with path.open("w", newline="", encoding="utf-8") as file:
+        with path.open("w", newline="", encoding="utf-8", errors="backslashreplace") as file:
             table = csv.writer(file)
             table.writerow([*COLUMNS, "iteration", "seconds", "psnr", "residual", "ssim", "peak_mib", "status"])
             for row in self.rows:

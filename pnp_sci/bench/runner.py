@@ -136,16 +136,16 @@ def measure(case: Case, method: Method, repeat: int = 1) -> Row:
     small = embedded_scene(64)
     loading = _seconds(lambda: method.run(small.y, small.masks))  # with loading and compilation
     loading -= _seconds(lambda: method.run(small.y, small.masks))
-    one = scene.y.reshape(-1, *scene.y.shape[-2:])[0]
+    one, its = scene.y.reshape(-1, *scene.y.shape[-2:])[0], scene.masks.reshape(-1, *scene.masks.shape[-4:])[0]
     brief = method if method.prior is None else replace(method, iterations=1)
-    brief.run(one, scene.masks)  # compiles kernels that small arrays do not use
+    brief.run(one, its)  # compiles kernels that small arrays do not use
     results = [method.run(scene.y, scene.masks, reference=scene.truth) for _ in range(repeat)]
     seconds = tuple(result.settings["seconds"] / count for result in results)
     peak = _peak_mib()
     middle = results[int(np.argsort(seconds)[(repeat - 1) // 2])]
     psnr, ssim = scores(middle.x, scene.truth)
     return Row(
-        case, method, scene.masks.shape, middle.status.name.lower().replace("_", " "), middle.history[-1].iteration,
+        case, method, its.shape, middle.status.name.lower().replace("_", " "), middle.history[-1].iteration,
         psnr, ssim, seconds, max(loading, 0.0), peak, _course(middle, count, psnr), middle.settings, machine(),
     )  # fmt: skip
 

@@ -38,6 +38,8 @@ class Calibration:
         (top, left, rows, columns) of the part of the raw pictures that all arrays cover.
     quality : Quality or None
         None if it was read from a file.
+    size : tuple of int or None
+        Rows and columns of the raw pictures; None if an older file does not tell them.
     """
 
     masks: np.ndarray
@@ -45,6 +47,7 @@ class Calibration:
     bad: np.ndarray
     crop: tuple[int, int, int, int]
     quality: Quality | None = None
+    size: tuple[int, int] | None = None
 
     def __str__(self) -> str:
         return str(self.quality) if self.quality else repr(self)
@@ -63,7 +66,7 @@ class Calibration:
         Raises
         ------
         InputError, InputTypeError
-            If the pictures are smaller than the crop reaches, or are no real numbers.
+            If the pictures have another size than those of the calibration, or are no real numbers.
 
         Returns
         -------
@@ -73,8 +76,12 @@ class Calibration:
         pictures = real_array("raw", raw)
         if pictures.ndim not in (2, 3):
             raise InputError(f"raw has shape {pictures.shape}: (rows, columns) or (N, rows, columns) was expected")
-        y = _cropped("raw", pictures, self.crop).astype(np.float32) - self.dark
+        y = self.cropped("raw", pictures).astype(np.float32) - self.dark
         return np.ma.MaskedArray(y, np.broadcast_to(self.bad, y.shape))
+
+    def cropped(self, name: str, pictures: np.ndarray) -> np.ndarray:
+        """The part of pictures as large as the raw ones, (..., H0, W0), that all arrays cover; errors give `name`."""
+        return _cropped(name, pictures, self.crop, self.size)
 
     def plot(self) -> Figure:
         """Pictures of the calibration: dark frame, shading, masks, bad pixels, values, brightness of the lamp."""
@@ -84,8 +91,9 @@ class Calibration:
 
     def save(self, path: str | Path) -> None:
         """Write NPZ, HDF5 or MAT, which ``read_masks`` and :meth:`load` read; the quality is not kept."""
-        crop = np.array([self.crop])
-        io.write(path, {"masks": self.masks, "dark": self.dark, "bad": self.bad, "crop": crop})
+        size = {} if self.size is None else {"size": np.array([self.size])}
+        arrays = {"masks": self.masks, "dark": self.dark, "bad": self.bad, "crop": np.array([self.crop])}
+        io.write(path, arrays | size)
 
     @classmethod
     def load(cls, path: str | Path) -> Calibration:
@@ -95,7 +103,9 @@ class Calibration:
         if not (dark.shape == bad.shape == masks.shape[2:] and crop.size == 4):
             raise FormatError(f"{path}: masks {masks.shape}, dark {dark.shape} and bad {bad.shape} do not fit together")
         top, left, rows, columns = map(int, crop.ravel())
-        return cls(masks, dark, bad.astype(bool), (top, left, rows, columns))
+        known = "size" in {entry.key for entry in io.describe(path)}
+        height, width = map(int, io.read(path, "size").ravel()) if known else (0, 0)
+        return cls(masks, dark, bad.astype(bool), (top, left, rows, columns), size=(height, width) if known else None)
 
 
 def calibrate(
@@ -146,16 +156,17 @@ def calibrate(
     pictures = _finite("patterns", patterns, (3, 4, 5))
     pictures = pictures[None] if pictures.ndim == 3 else pictures
     pictures = pictures[:, :, None] if pictures.ndim == 4 else pictures  # (V, B, N, H, W)
-    crop = (0, 0, *pictures.shape[3:]) if crop is None else _checked_crop(crop)
-    pictures = _cropped("patterns", pictures, crop)
-    views, frames, _, rows, columns = pictures.shape
+    size = pictures.shape[3:]
+    crop = (0, 0, *size) if crop is None else _checked_crop(crop)
+    pictures = _cropped("patterns", pictures, crop, size)
+    views, frames = pictures.shape[:2]
     if full_scale is not None:
         full_scale = positive_number("full_scale", full_scale)
 
-    darks = _repeated("dark", np.zeros((1, rows, columns)) if dark is None else dark, crop, dark is None)
+    darks = _repeated("dark", np.zeros((1, *size)) if dark is None else dark, crop, size)
     black = average(darks)
     light = np.stack([[average(p) - black for p in view] for view in pictures])  # (V, B, H, W)
-    response = _response(white, black, crop, views)
+    response = _response(white, black, crop, size, views)
     grain = 0.5 if darks.dtype.kind in "iu" else 0.0  # of rounding to grey levels
     bad = _far(black, grain) | _far(darks.std(0), grain) | _saturated(pictures, white, crop, full_scale)
     shading = light.max(1) if response is None else response  # what each pixel sees of an open element
@@ -168,7 +179,7 @@ def calibrate(
     one = float(np.median(shading[:, ~bad]))
     masks = (light / (one * gains[..., None, None])).astype(np.float32)
     quality = measure_quality(masks, shading / one, pictures, black, bad, gains)
-    return Calibration(masks, black.astype(np.float32), bad, crop, quality)
+    return Calibration(masks, black.astype(np.float32), bad, crop, quality, size)
 
 
 def average(pictures: np.ndarray) -> np.ndarray:
@@ -179,7 +190,9 @@ def average(pictures: np.ndarray) -> np.ndarray:
     return (total - pictures.min(0) - pictures.max(0)) / (len(pictures) - 2)
 
 
-def _response(white: Any, black: np.ndarray, crop: tuple[int, ...], views: int) -> np.ndarray | None:
+def _response(
+    white: Any, black: np.ndarray, crop: tuple[int, ...], size: tuple[int, int], views: int
+) -> np.ndarray | None:
     """What each pixel shows of the lamp, (V, H, W)."""
     if white is None:
         return None
@@ -187,7 +200,7 @@ def _response(white: Any, black: np.ndarray, crop: tuple[int, ...], views: int) 
     if array.ndim == 4 and len(array) != views:
         raise InputError(f"white has pictures of {len(array)} views, but patterns of {views}: the same was expected")
     each = array if array.ndim == 4 else array.reshape(1, -1, *array.shape[-2:])
-    response = np.stack([average(_cropped("white", one, crop)) for one in each]) - black
+    response = np.stack([average(_cropped("white", one, crop, size)) for one in each]) - black
     if np.median(response) <= 0:
         raise InputError(f"white is not brighter than dark: {np.median(response):.3g} in the median, > 0 was expected")
     return np.broadcast_to(response, (views, *response.shape[1:]))
@@ -212,15 +225,14 @@ def _saturated(patterns: np.ndarray, white: Any, crop: tuple[int, ...], full_sca
         return np.zeros(patterns.shape[-2:], bool)
     reached = np.any(np.median(patterns, 2) >= full_scale, axis=(0, 1))
     if white is not None:
-        pictures = _cropped("white", real_array("white", white), crop)
+        pictures = _cropped("white", real_array("white", white), crop, None)
         pictures = pictures if pictures.ndim == 4 else pictures.reshape(1, -1, *reached.shape)
         reached = reached | np.any(np.median(pictures, 1) >= full_scale, axis=0)
     return reached
 
 
-def _repeated(name: str, value: Any, crop: tuple[int, ...], cropped: bool = False) -> np.ndarray:
-    array = _finite(name, value, (2, 3))
-    array = array if cropped else _cropped(name, array, crop)
+def _repeated(name: str, value: Any, crop: tuple[int, ...], size: tuple[int, int]) -> np.ndarray:
+    array = _cropped(name, _finite(name, value, (2, 3)), crop, size)
     return array.reshape(-1, *array.shape[-2:])
 
 
@@ -241,8 +253,11 @@ def _checked_crop(crop: Any) -> tuple[int, int, int, int]:
     return whole("crop", top, 0), whole("crop", left, 0), whole("crop", rows, 1), whole("crop", columns, 1)
 
 
-def _cropped(name: str, pictures: np.ndarray, crop: tuple[int, ...]) -> np.ndarray:
+def _cropped(name: str, pictures: np.ndarray, crop: tuple[int, ...], size: tuple[int, int] | None) -> np.ndarray:
     top, left, rows, columns = crop
+    if size is not None and pictures.shape[-2:] != size:
+        have, want = (" x ".join(map(str, sides)) for sides in (pictures.shape[-2:], size))
+        raise InputError(f"{name} is of {have} pixels, but patterns of {want}: the same pixels were expected")
     if pictures.shape[-2] < top + rows or pictures.shape[-1] < left + columns:
         have = " x ".join(map(str, pictures.shape[-2:]))
         raise InputError(f"{name} is of {have} pixels: {top + rows} x {left + columns} at least were expected")

@@ -8,11 +8,14 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
-from pnp_sci.cli.inputs import FOLDER, Command, Output, interactive
+from pnp_sci.cli.inputs import FIGURE, FOLDER, Command, Output, interactive
 from pnp_sci.errors import SolverError
 
 if TYPE_CHECKING:
     from pnp_sci.bench import Case, Method, Results, Row
+
+
+PLACE = click.Path(path_type=Path)
 
 
 def _numbers(kind: type) -> object:
@@ -25,6 +28,11 @@ def _numbers(kind: type) -> object:
             raise click.BadParameter(f"{text!r} came, numbers parted by commas were expected") from None
 
     return parse
+
+
+def _place(context: click.Context, option: click.Parameter, path: Path | None) -> Any:
+    """A file that can be written, or with ``--paper`` a folder, as a callback of click."""
+    return None if path is None else (FOLDER if context.params["paper"] else Output()).convert(path, option, context)
 
 
 @click.command(cls=Command)
@@ -43,12 +51,12 @@ def _numbers(kind: type) -> object:
 @click.option("--decoders", default="", help="Comma-separated networks that decode alone.")
 @click.option("--iterations", type=click.IntRange(min=1), help="At most so many.  [default: as the effort says]")
 @click.option("--repeat", default=1, show_default=True, type=click.IntRange(min=1), help="Timings of each row.")
-@click.option("--paper", is_flag=True, help="The paper's tables instead, ours beside theirs; see docs/results.")
+@click.option("--paper", is_flag=True, is_eager=True, help="The paper's tables, ours beside theirs; see docs/results.")
 @click.option(
     "--out", type=Output(".json"), help="Keep rows in this .json, and a .csv beside it; what is there is not redone."
 )
-@click.option("--markdown", type=FOLDER, help="Write the table; with --paper a folder of tables.")
-@click.option("--curves", type=Output(".svg", ".png", ".pdf"), help="Draw PSNR against seconds: .svg, .png or .pdf.")
+@click.option("--markdown", type=PLACE, callback=_place, help="Write the table; with --paper a folder of tables.")
+@click.option("--curves", type=FIGURE, help="Draw PSNR against seconds: .svg, .png or .pdf.")
 def bench(
     cases: str,
     noise: list[float | None],
@@ -75,8 +83,10 @@ def bench(
 
     from pnp_sci import bench as table
     from pnp_sci.bench import paper as tables
-    from pnp_sci.formats.replacing import replacing
+    from pnp_sci.formats.replacing import replacing, same_file
 
+    if out is not None and markdown is not None and same_file(out.with_suffix(".csv"), markdown):
+        raise click.UsageError(f"--markdown {markdown} is the table beside --out {out}: it would be lost")
     if paper:
         pairs = tables.plan()
     else:
@@ -86,6 +96,8 @@ def bench(
         pairs = [
             (case, method) for case in table.expand(_words(cases), noise, frames, **of_files) for method in methods
         ]
+        if not pairs:
+            raise click.UsageError("nothing to measure: --cases, and --priors or --decoders were expected")
     results = table.Results(out) if out is not None else None
     rows, failures = _measured(tqdm(pairs, "bench", disable=not interactive()), results, repeat)
     if paper:
@@ -95,7 +107,7 @@ def bench(
         click.echo(table.as_markdown(rows))
         if markdown is not None:
             with replacing(markdown) as temporary:
-                temporary.write_text(table.as_markdown(rows) + "\n", encoding="utf-8")
+                temporary.write_text(table.as_markdown(rows) + "\n", "utf-8", "backslashreplace")
     if curves is not None:
         found = table.curves(rows)
         table.draw(curves, found)

@@ -6,7 +6,7 @@ from pathlib import Path
 
 import click
 
-from pnp_sci.cli.inputs import FILE, POSITIVE, Command, Output
+from pnp_sci.cli.inputs import FIGURE, FILE, POSITIVE, Command, Output
 from pnp_sci.cli.outputs import ARRAYS
 from pnp_sci.errors import InputError
 
@@ -19,7 +19,7 @@ from pnp_sci.errors import InputError
 @click.option("--crop", nargs=4, type=int, help="Top, left, rows and columns of the part that is kept.")
 @click.option("--full-scale", type=POSITIVE, help="The camera's largest value: pixels there are saturated.")
 @click.option("--out", type=Output(*ARRAYS), default=Path("calibration.npz"), show_default=True, help=".npz, .h5, .mat")
-@click.option("--report", type=Output(".png", ".svg", ".pdf"), help="Draw dark frame, masks and bad pixels.")
+@click.option("--report", type=FIGURE, help="Draw dark frame, masks and bad pixels.")
 def calibrate(
     patterns: tuple[Path, ...],
     dark: Path | None,

@@ -9,6 +9,8 @@ import click
 
 from pnp_sci.cli.inputs import (
     FILE,
+    PAGE,
+    SEED,
     Command,
     Output,
     bad_pixels,
@@ -16,6 +18,7 @@ from pnp_sci.cli.inputs import (
     camera_options,
     interactive,
     masks_for,
+    of_one,
     one_of,
     true_video,
 )
@@ -40,9 +43,9 @@ if TYPE_CHECKING:
 @click.option("--iterations", type=click.IntRange(min=1), help="At most so many.  [default: as the effort says]")
 @camera_options
 @click.option("--device", help="For priors that are networks, such as cuda.")
-@click.option("--seed", default=0, show_default=True, help="For priors that draw random numbers.")
+@click.option("--seed", default=0, type=SEED, show_default=True, help="For priors that draw random numbers.")
 @click.option("--title", help="Heading of the report.  [default: names the measurement's file]")
-@click.option("--html", "html_file", type=Output(), help="Write a report for the browser, one file.")
+@click.option("--html", "html_file", type=PAGE, help="Write a report for the browser, one file.")
 @click.option("--json", "json_file", type=Output(), help="Write the table with all settings as JSON.")
 def compare(
     measurement: Path,
@@ -78,16 +81,18 @@ def compare(
 
     y = io.read_measurement(measurement, key)
     masks = masks_for(measurement, masks_file, views, masks_key)
-    truth = None if truth_file is None else true_video(truth_file, masks.shape, y.ndim == 3, reference_key)
-    if y.ndim == 3 or index is not None:
-        index = index or 0
-        y, truth = one_of(y, truth, index)
+    several, each = y.ndim == 3, masks.ndim == 5
+    truth = None if truth_file is None else true_video(truth_file, masks.shape[-4:], several, reference_key)
+    if several or index is not None:
+        index, count = index or 0, len(y)
+        y, masks = one_of(y, masks, index)
+        truth = None if truth is None else of_one(truth, count, index)
     result = bench.compare(
         y,
         masks,
         bench.grid(iterations=iterations, **{name: words.split(",") for name, words in grid.items()}),
         reference=truth,
-        source=bench.Source(measurement, masks_file or measurement, views, key, masks_key, index, bad),
+        source=bench.Source(measurement, masks_file or measurement, views, key, masks_key, index, bad, each),
         progress=interactive(),
         noise=sensor,
         seed=seed,

@@ -36,7 +36,7 @@ def info(file: Path, views: int | None) -> None:
     for entry in entries:
         click.echo(f"{entry.key:12s} {' x '.join(map(str, entry.shape)):22s} {entry.dtype:8s} {entry.meaning}")
     masks = [io.read_masks(file, views, entry.key) for entry in entries if entry.meaning.startswith("masks")]
-    for planes in masks:
+    for planes in (own for each in masks for own in each.reshape(-1, *each.shape[-4:])):
         click.echo(f"\n{condition(planes)}")
     measurements = [entry.key for entry in entries if entry.meaning.startswith("measurement")]
     if len(masks) == len(measurements) == 1:
@@ -49,8 +49,9 @@ def _print_fit(y: np.ndarray, masks: np.ndarray) -> None:
 
     if y.shape[-2:] != masks.shape[-2:]:
         return
-    for n, picture in enumerate(y if y.ndim == 3 else [y], 1):
-        click.echo(f"\n{f'Measurement {n}: ' if y.ndim == 3 else ''}{check_fit(picture, masks)}")
+    fits = check_fit(y, masks)
+    for n, fit in enumerate(fits if isinstance(fits, list) else [fits], 1):
+        click.echo(f"\n{f'Measurement {n}: ' if y.ndim == 3 else ''}{fit}")
 
 
 @click.command()

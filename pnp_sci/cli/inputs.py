@@ -3,13 +3,16 @@
 from __future__ import annotations
 
 import json
+import os
 import sys
+from importlib import import_module
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import click
 
-from pnp_sci.errors import FormatError, InputError, InputTypeError
+from pnp_sci._optional import needed_for
+from pnp_sci.errors import FormatError, InputError, InputTypeError, MissingExtraError
 from pnp_sci.formats.replacing import check_writable, same_file
 
 if TYPE_CHECKING:
@@ -22,12 +25,22 @@ if TYPE_CHECKING:
 FILE = click.Path(exists=True, path_type=Path)
 
 
-class Output(click.Path):
-    """A path that something can be written to, in one of these formats: that is known before any work is done."""
+NEEDED = {  # package and extra that a format of outputs needs
+    **dict.fromkeys((".h5", ".hdf5"), ("h5py", "hdf5")),
+    **dict.fromkeys((".mp4", ".avi", ".mov", ".mkv", ".gif"), ("imageio_ffmpeg", "video")),
+    ".zarr": ("zarr", "zarr"),
+}
 
-    def __init__(self, *suffixes: str):
+
+class Output(click.Path):
+    """A path that something can be written to, in one of these formats: that is known before any work is done.
+
+    `needs` is the package that writes it, and its extra; by default as the format needs it.
+    """
+
+    def __init__(self, *suffixes: str, needs: tuple[str, str] | None = None):
         super().__init__(path_type=Path)
-        self.suffixes = suffixes
+        self.suffixes, self.needs = suffixes, needs
 
     def convert(self, value: Any, param: click.Parameter | None, ctx: click.Context | None) -> Any:
         """The path, if it can be written to."""
@@ -37,8 +50,26 @@ class Output(click.Path):
             self.fail(f"{path}: {came} came, one of these was expected: {', '.join(self.suffixes)}", param, ctx)
         try:
             check_writable(path)
+            if needs := self.needs or NEEDED.get(path.suffix.lower()):
+                with needed_for(str(path), needs[1]):
+                    import_module(needs[0])
         except OSError as error:
             self.fail(f"{path}: {error.strerror}" if error.filename else str(error), param, ctx)
+        except MissingExtraError as error:
+            self.fail(str(error), param, ctx)
+        return path
+
+
+class Folder(click.Path):
+    """A folder for outputs, which is made where it is missing."""
+
+    def convert(self, value: Any, param: click.Parameter | None, ctx: click.Context | None) -> Any:
+        """The path, if it is a folder or can be made."""
+        path = Path(super().convert(value, param, ctx))  # type: ignore[arg-type]
+        there = next(place for place in (path.absolute(), *path.absolute().parents) if place.exists())
+        if not there.is_dir() or not os.access(there, os.W_OK):
+            what = "is a file, where a folder was expected" if there.is_file() else "cannot be written to"
+            self.fail(f"{path}: {there} {what}", param, ctx)
         return path
 
 
@@ -51,10 +82,10 @@ class Command(click.Command):
         for param in self.params:
             value = ctx.params.get(param.name or "")
             paths = [p for p in (value if isinstance(value, tuple) else [value]) if isinstance(p, Path)]
-            if isinstance(param.type, Output) or param.type is FOLDER:
-                outputs += [(param.opts[0], path) for path in paths]
-            elif param.type is FILE:
+            if param.type is FILE:
                 inputs += [(param.human_readable_name, path) for path in paths]
+            elif isinstance(param.type, click.Path):
+                outputs += [(param.opts[0], path) for path in paths]
             elif isinstance(value, str):  # a name or a file, or several
                 inputs += [(param.opts[0], Path(word)) for word in value.split(",") if Path(word).is_file()]
         for n, (option, path) in enumerate(outputs):
@@ -64,7 +95,10 @@ class Command(click.Command):
         return super().invoke(ctx)
 
 
-FOLDER = click.Path(path_type=Path)  # made where it is missing
+FOLDER = Folder(path_type=Path)
+FIGURE = Output(".svg", ".png", ".pdf", needs=("matplotlib", "plot"))
+PAGE = Output(needs=("jinja2", "report"))
+SEED = click.IntRange(min=0)
 POSITIVE = click.FloatRange(min=0, min_open=True)
 
 
@@ -143,18 +177,20 @@ def usable_truth(
     file: Path,
     shape: tuple[int, ...],
     count: int | None,
+    index: int | None,
     key: str | None,
     peak: float | None,
     colour: bool = False,
 ) -> np.ndarray | None:
     """As :func:`true_video`, but a truth that cannot be used is left out with a warning: the result needs none.
 
-    `count` is the number of measurements, None for one alone.
+    `count` is the number of measurements, None for one alone; `index` the one of them that is meant, None for all.
     """
     from pnp_sci.pipeline.reference import Reference
 
     try:
         truth = true_video(file, shape, count is not None, key, colour)
+        truth, count = (truth, count) if index is None else (of_one(truth, count, index), None)
         Reference(truth, (count or 1, *shape, *(3,) * colour), peak)
     except (InputError, InputTypeError, FormatError) as error:
         click.echo(f"Warning: --reference is left out: {error}", err=True)
@@ -184,16 +220,21 @@ def true_video(
     return video.reshape(views, -1, frames, rows, columns, *colours).swapaxes(0, 1) if several else video
 
 
-def one_of(y: np.ndarray, truth: np.ndarray | None, index: int) -> tuple[np.ndarray, np.ndarray | None]:
-    """The measurement that ``--index`` stands for, and its truth: of those of all measurements, or the only one."""
+def one_of(y: np.ndarray, masks: np.ndarray, index: int) -> tuple[np.ndarray, np.ndarray]:
+    """The measurement that ``--index`` stands for, and its masks: its own, or those of all."""
     if y.ndim == 2 or index >= len(y):
         count = 1 if y.ndim == 2 else len(y)
         raise click.BadParameter(f"{index} came, but the file has {count} measurements", param_hint="--index")
-    if truth is None or len(truth) == 1:
-        return y[index], truth if truth is None else truth[0]
-    if len(truth) != len(y):
-        raise InputError(f"reference has {len(truth)} videos: one, or {len(y)} as there are measurements, was expected")
-    return y[index], truth[index]
+    if masks.ndim == 5 and len(masks) != len(y):
+        raise InputError(f"masks are those of {len(masks)} measurements, but y has {len(y)}: the same was expected")
+    return y[index], masks[index] if masks.ndim == 5 else masks
+
+
+def of_one(truth: np.ndarray, count: int | None, index: int) -> np.ndarray:
+    """The true video of the measurement that ``--index`` stands for: of those of all `count`, or the only one."""
+    if len(truth) not in (1, count):
+        raise InputError(f"reference has {len(truth)} videos: one, or {count} as there are measurements, was expected")
+    return truth[index if len(truth) > 1 else 0]
 
 
 def pairs(options: tuple[str, ...]) -> dict[str, Any]:

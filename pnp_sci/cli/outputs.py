@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import tempfile
 from pathlib import Path
+from shutil import rmtree
 from typing import TYPE_CHECKING, Any
 
 import click
@@ -51,11 +52,15 @@ def save_somewhere(result: Result, out: Path) -> Path:
     try:
         result.save(out)
         return out
-    except OSError as error:
-        other = Path(tempfile.mkdtemp(prefix="pnp-sci-")) / f"result{out.suffix}"
-        result.save(other)
-        click.echo(f"{out} cannot be written: {error}. The result is in {other}", err=True)
-        return other
+    except Exception as error:  # of whatever library: the result is kept all the same
+        folder = Path(tempfile.mkdtemp(prefix="pnp-sci-"))
+        try:
+            result.save(folder / "result.npz")
+        except OSError as again:
+            rmtree(folder, ignore_errors=True)
+            raise OSError(f"{out} cannot be written: {error}; nor can {folder.parent}: {again}") from error
+        click.echo(f"{out} cannot be written: {error}. The result is in {folder / 'result.npz'}", err=True)
+        return folder / "result.npz"
 
 
 def print_scores(x: np.ndarray, truth: np.ndarray | None, peak: float | None = None, colour: bool = False) -> None:

@@ -15,6 +15,7 @@ from pnp_sci.cli.inputs import (
     FILE,
     FOLDER,
     POSITIVE,
+    SEED,
     Command,
     bad_pixels,
     camera,
@@ -45,7 +46,7 @@ from pnp_sci.errors import SolverError
 @click.option("--device", help="For priors that are networks, such as cuda.")
 @click.option("--threads", type=click.IntRange(min=1), help="Of each process.  [default: cores / workers, elsewhere 1]")
 @click.option("--uncertainty", is_flag=True, help="Predict the error of each pixel: twice the time.")
-@click.option("--seed", default=0, show_default=True)
+@click.option("--seed", default=0, type=SEED, show_default=True)
 @click.option("--option", "options", multiple=True, metavar="KEY=VALUE", help="Option of the prior; may be repeated.")
 def reconstruct(
     source: tuple[Path, ...],
@@ -72,6 +73,11 @@ def reconstruct(
     sensor = camera(noise, gain, full_scale, bits)
     import pnp_sci
 
+    for option, file in (("--masks", masks_file), ("--bad", Path(bad or "auto"))):
+        among = file.is_file() and any(file.resolve().parent == place.resolve() for place in source)
+        if among and len(pnp_sci.io.describe(file)) == 1:
+            came = f"{option} {file} is in the folder of the measurements, where each file counts as one"
+            raise click.UsageError(f"{came}: keep it elsewhere")
     with _estimates_shown():
         result = pnp_sci.reconstruct(
             source[0] if len(source) == 1 else list(source),

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING
 
 import click
 
-from pnp_sci.cli.inputs import FILE, Command, Output
+from pnp_sci.cli.inputs import FILE, SEED, Command, Output
 from pnp_sci.cli.outputs import ARRAYS
 from pnp_sci.errors import InputError
 
@@ -26,7 +26,7 @@ BRIGHTEST = 2.0  # of a video of floats: interpolation may leave [0, 1], grey le
     "--noise", default=0.0, type=click.FloatRange(min=0), show_default=True, help="Relative to the peak of y."
 )
 @click.option("--bits", type=click.IntRange(1, 32), help="Grey levels of the camera.")
-@click.option("--seed", default=0, show_default=True, help="Of the masks and the noise.")
+@click.option("--seed", default=0, type=SEED, show_default=True, help="Of the masks and the noise.")
 @click.option("--mosaic", help="Colour filters of the camera: RGGB, BGGR, GRBG or GBRG.  [default: grey]")
 @click.option("--out", type=Output(*ARRAYS), default=Path("meas.npz"), show_default=True, help=".npz, .h5 or .mat")
 def simulate(
@@ -89,7 +89,11 @@ def _unit_range(video: np.ndarray) -> np.ndarray:
     from pnp_sci._validate import white
 
     if video.dtype.kind != "f":
-        return (video / white("video", video.dtype)).astype("float32")
+        one = white("video", video.dtype, float(video.max(initial=0)))
+        if video.dtype.itemsize == 2 and one < 65535:
+            came = f"the video has values up to {video.max()} in uint16: white is taken to be {one:g}"
+            click.echo(f"Warning: {came}; for another one, store floats in [0, 1]", err=True)
+        return (video / one).astype("float32")
     if video.size and video.max() > BRIGHTEST:
         raise InputError(f"video has values up to {video.max():g}: floats in [0, 1] were expected, 1 being white")
     return video

@@ -10,6 +10,7 @@ import click
 from pnp_sci.cli.inputs import (
     FILE,
     POSITIVE,
+    SEED,
     Command,
     Output,
     bad_pixels,
@@ -21,7 +22,6 @@ from pnp_sci.cli.inputs import (
     pairs,
     solver_options,
     stages,
-    true_video,
     usable_truth,
 )
 from pnp_sci.cli.outputs import SAVED, SHOWN, White, named, print_scores, save_somewhere
@@ -44,12 +44,12 @@ from pnp_sci.cli.outputs import SAVED, SHOWN, White, named, print_scores, save_s
 @click.option("--threads", type=click.IntRange(min=1), help="At most so many.  [default: one a core]")
 @click.option("--uncertainty", is_flag=True, help="Predict the error of each pixel: twice the time.")
 @click.option("--sequence", is_flag=True, help="The measurements follow one another: solve them as one video.")
-@click.option("--seed", default=0, show_default=True)
+@click.option("--seed", default=0, type=SEED, show_default=True)
 @click.option("--mosaic", help="Colour filters of the camera: RGGB, BGGR, GRBG or GBRG.  [default: grey]")
 @click.option("--option", "options", multiple=True, metavar="KEY=VALUE", help="Option of the prior; may be repeated.")
 @click.option("--reference", type=FILE, help="File with the true video, to score the result.")
 @click.option("--reference-key", help="Name of the true video in its file, where it cannot be told.")
-@click.option("--peak", type=POSITIVE, help="White in the true video.  [default: of its type, 1 of floats up to 1]")
+@click.option("--peak", type=POSITIVE, help="White in the true video.  [default: 1, or of 8, 10, 12, 14, 16 bits]")
 @click.option(
     "--out",
     type=Output(*SAVED),
@@ -90,25 +90,31 @@ def solve(
     """
     prior_options, staged = pairs(options), stages(prior)
     sensor = camera(noise, gain, full_scale, bits)
+    import numpy as np
+
     from pnp_sci import Calibration, api, io
 
     masks = masks_for(measurement, masks_file or calibration, views, masks_key)
     y = io.read_measurement(measurement, key)
-    y = y if calibration is None else Calibration.load(calibration).correct(y)
-    shape, colour = masks.shape[-4:], settings["mosaic"] is not None
+    unused = bad_pixels(bad)
+    if calibration is not None:
+        made = Calibration.load(calibration)
+        y = made.correct(y)
+        if isinstance(unused, np.ndarray) and unused.shape != y.shape[-2:]:
+            unused = made.cropped("bad", unused)
+    elif masks_file is not None and {"dark", "bad", "crop"} <= {entry.key for entry in io.describe(masks_file)}:
+        left = f"the dark frame and the bad pixels of {masks_file} are not used"
+        click.echo(f"Warning: --masks takes the masks only, {left}: --calibration takes all", err=True)
+    shape, colour, count = masks.shape[-4:], settings["mosaic"] is not None, len(y) if y.ndim == 3 else None
     if index is not None:
-        whole = None if reference is None else true_video(reference, shape, y.ndim == 3, reference_key, colour)
-        y, truth = one_of(y, whole, index)
-        masks = masks[index] if masks.ndim == 5 else masks
-    else:
-        count = len(y) if y.ndim == 3 else None
-        truth = None if reference is None else usable_truth(reference, shape, count, reference_key, peak, colour)
+        y, masks = one_of(y, masks, index)
+    truth = None if reference is None else usable_truth(reference, shape, count, index, reference_key, peak, colour)
     result = api.solve(
         y,
         masks,
         staged,
         noise=sensor,
-        bad=bad_pixels(bad),
+        bad=unused,
         reference=truth,
         peak=peak,
         progress=interactive(),

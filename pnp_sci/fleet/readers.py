@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+import logging
+from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, NamedTuple
@@ -10,9 +11,10 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from pnp_sci.errors import FormatError
-from pnp_sci.formats.hdf5 import opened
+from pnp_sci.formats.hdf5 import opened, others_of
 from pnp_sci.formats.zarr import library
 
+_log = logging.getLogger("pnp_sci")
 NAMES = ("meas", "y", "measurement")  # of measurements, where a file has several arrays
 
 
@@ -79,6 +81,7 @@ class HDF5:
     def __call__(self, start: int, stop: int) -> np.ndarray:
         """Measurements `start` to `stop` - 1, (n, H, W)."""
         with opened(self.path) as file:
+            others_of(self.key, file[self.key])
             return part(file[self.key], start, stop)
 
 
@@ -88,6 +91,7 @@ def hdf5(path: Path, key: str | None) -> tuple[Head, HDF5]:
         found: dict[str, Head] = {}
         file.visititems(lambda name, item: found.update(_head(name, item)))
         name = chosen(path, found, key)
+        others_of(name, file[name])
     return found[name], HDF5(path, name)
 
 
@@ -114,6 +118,7 @@ def in_zarr(path: Path, key: str | None) -> tuple[Head, Zarr]:
     """An array in zarr's folder, itself or in a group."""
     node = library().open(path, mode="r")
     if not hasattr(node, "array_keys"):
+        _warn_of_gaps(path, node)
         return Head(node.shape, node.dtype), Zarr(path, "")
     found = dict(
         pair
@@ -121,7 +126,15 @@ def in_zarr(path: Path, key: str | None) -> tuple[Head, Zarr]:
         for pair in _head(name, item).items()
     )
     name = chosen(path, found, key)
+    _warn_of_gaps(path, node[name])
     return found[name], Zarr(path, name)
+
+
+def _warn_of_gaps(path: Path, array: Any) -> None:
+    """Say how many chunks are not stored: zarr leaves out those of one value, and reads a lost one as such."""
+    if gaps := array.nchunks - array.nchunks_initialized:
+        said = "%s: %d of %d chunks are not stored, and read as %s: the folder may be incomplete"
+        _log.warning(said, path, gaps, array.nchunks, array.fill_value)
 
 
 def is_zarr(path: Path) -> bool:
@@ -168,7 +181,14 @@ class Pages:
 
         with tifffile.TiffFile(self.path) as file:
             pages: Any = file.series[0].pages if self.elsewhere else file.pages
-            return np.stack([pages[n].asarray() for n in range(start, stop)])
+            wanted = [pages[n] for n in range(start, stop)]
+            _check_there(self.path, wanted)
+            return np.stack([page.asarray() for page in wanted])
+
+
+def _check_there(path: Path, pages: Iterable[Any]) -> None:
+    if any(page is None for page in pages):
+        raise FormatError(f"{path}: some of its pictures are in other files, which are not there")
 
 
 def tiff(path: Path, key: str | None) -> tuple[Head, Stack | Pages]:
@@ -183,6 +203,7 @@ def tiff(path: Path, key: str | None) -> tuple[Head, Stack | Pages]:
             return head, Stack(path, head, stack.offset)
         elsewhere = len(file.series) == 1 and any(page is None or page.parent is not file for page in series.pages)
         pages: Any = series.pages if elsewhere else file.pages
+        _check_there(path, pages)
         kinds = {(page.shape, page.dtype) for page in pages}
         if len(kinds) > 1 or len(pages[0].shape) != 2:
             raise FormatError(f"{path}: grey pictures of one size were expected")

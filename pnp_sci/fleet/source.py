@@ -178,6 +178,7 @@ class _Files:
 
 def _joined(paths: list[Path], key: str | None) -> Source:
     first = _of_path(paths[0], key)
+    _alone(paths[0], first, len(paths))
     counts = [first.count]
     for path in paths[1:]:
         try:
@@ -186,9 +187,16 @@ def _joined(paths: list[Path], key: str | None) -> Source:
             counts.append(1)
             continue
         _same_size(path, one, first.shape)
+        _alone(path, one, len(paths))
         counts.append(one.count)
     ends = np.cumsum(counts)
     return Source(int(ends[-1]), first.shape, first.dtype, _Files(tuple(paths), ends, key, first.shape), True)
+
+
+def _alone(path: Path, one: Source, files: int) -> None:
+    """Raise an error for a file, among others, that stands for pictures of several files: they would count again."""
+    if files > 1 and getattr(one.read, "elsewhere", False):
+        raise InputError(f"source: {path} also stands for the pictures of other files: give it alone, not its folder")
 
 
 def _same_size(path: Path, one: Source, shape: tuple[int, int]) -> None:

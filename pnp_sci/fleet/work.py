@@ -17,6 +17,7 @@ import numpy as np
 from pnp_sci._optional import needed_for
 from pnp_sci.accel.threads import limited
 from pnp_sci.api import decode, solve
+from pnp_sci.errors import InputError
 from pnp_sci.fleet import store
 from pnp_sci.fleet.job import Chunk, Job
 from pnp_sci.formats.plain import as_json
@@ -63,6 +64,9 @@ def solve_chunk(job_name: str, chunk: Chunk, y: np.ndarray | None, preview: bool
         try:
             around = job.around(chunk, preview)
             y = np.asarray(job.source.read(*around) if y is None else y)
+            inside = slice(chunk.start - around.start, chunk.stop - around.start)
+            if not y[inside].any((1, 2)).all():
+                raise InputError("y is 0 everywhere: a part of its file may be missing")
             if measure:
                 _reconstruct(job, y, preview, iterations=1)  # kernels and weights are loaded
                 warnings.clear()
@@ -72,7 +76,6 @@ def solve_chunk(job_name: str, chunk: Chunk, y: np.ndarray | None, preview: bool
         except Exception as error:
             put_failures(path, chunk, facts, error)
             return {"errors": chunk.stop - chunk.start}
-    inside = slice(chunk.start - around.start, chunk.stop - around.start)
     store.clear(path, *chunk)
     store.put_videos(path, chunk.start, result.x[inside])
     if result.uncertainty is not None:

@@ -91,16 +91,19 @@ def _arrays(path: Path, name: str, item: Any, matlab: bool) -> Iterator[np.ndarr
 
 def _check_storage(path: Path, name: str, item: Any) -> None:
     """Raise an error if a file that the dataset refers to is not there, or its size cannot be."""
-    stored = path.stat().st_size
+    stored = path.stat().st_size + sum(other.stat().st_size for other in others_of(name, item))
+    check_size(name, item.size * item.dtype.itemsize, stored)
+
+
+def others_of(name: str, item: Any) -> list[Path]:
+    """The other files with values of a dataset; a FormatError if one is not there: HDF5 would read 0."""
     others = [name for name, _, _ in item.external or ()]
     if item.is_virtual:
         others += [source.file_name for source in item.virtual_sources() if source.file_name != "."]
-    for other in others:
-        place = Path(item.file.filename).parent / other
-        if not place.is_file():
-            raise FormatError(f"{name} is in another file, {other}, which is not there")
-        stored += place.stat().st_size
-    check_size(name, item.size * item.dtype.itemsize, stored)
+    places = [Path(item.file.filename).parent / other for other in others]
+    if missing := [place for place in places if not place.is_file()]:
+        raise FormatError(f"{name} is in another file, {missing[0].name}, which is not there")
+    return places
 
 
 def save(path: Path, arrays: dict[str, np.ndarray]) -> None:

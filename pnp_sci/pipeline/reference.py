@@ -26,7 +26,7 @@ class Reference:
         (N, V, B, H, W), as expected, of mosaics (N, V, B, H, W, 3); N may be left out if it is 1.
     peak : float, optional
         The value of white, in the reference's units, which should be those of the result. By default that of the
-        reference's type; of floats 1, or where they are larger, of 8, 10, 12, 14 or 16 bits.
+        reference's type; of uint16 and of floats above 1, that of 8, 10, 12, 14 or 16 bits, as few as hold them.
     shown : callable, optional
         What makes of a solver's video (V, B, H, W) one that is compared: mosaics are compared in colour.
     """
@@ -44,6 +44,10 @@ class Reference:
         require_finite("reference", array)
         largest = float(array.max(initial=0))
         self.white = peak or white("reference", array.dtype, largest)
+        self.guessed = ""
+        if peak is None and array.dtype.itemsize == 2 and array.dtype.kind == "u" and self.white < np.iinfo("u2").max:
+            told = f"the reference has values up to {largest:g} in uint16: white is taken to be {self.white:g}"
+            self.guessed = f"{told}; peak= says otherwise"
         if array.min(initial=0) < -1e-6 * self.white or largest > (1 + 1e-6) * self.white:
             expected = f"values from 0 to {self.white:g}, which is white, were expected; peak= says what is white"
             raise InputError(f"reference spans {array.min():g} to {largest:g}: {expected}")
@@ -55,13 +59,13 @@ class Reference:
         return self._mean(psnr, x, n, unit)
 
     def remarks(self, x: np.ndarray, n: int) -> list[str]:
-        """What is to be said of measurement n where x and the reference are in different units."""
+        """What is to be said of white, and of measurement n where x and the reference are in different units."""
         begin = time.perf_counter()
         truth, video = (a.astype(np.float64) / self.white for a in (self.array[n], self.shown(x)))
         gain = float((video * truth).sum() / max((truth**2).sum(), np.finfo(float).tiny))
         told = [] if 1 / OTHER_UNITS < gain < OTHER_UNITS or not truth.any() else [self._other_units(video, n, gain)]
         self.seconds += time.perf_counter() - begin
-        return told
+        return [self.guessed, *told] if self.guessed else told
 
     def _other_units(self, x: np.ndarray, n: int, gain: float) -> str:
         text = f"the result is {gain:.3g} times the reference, so that PSNR and SSIM say nothing of its quality"

@@ -97,7 +97,7 @@ class Sensor:
         """
         if self.read_noise == "auto":
             raise InputError('read_noise is "auto": a number was expected, as there is no measurement to estimate from')
-        random = np.random.default_rng(seed)
+        random = np.random.default_rng(whole("seed", seed, 0))
         y = clean.astype(np.float64)
         if self.gain > 0:
             if y.min() < 0:

@@ -14,9 +14,10 @@ from hypothesis import strategies as st
 
 import pnp_sci
 from pnp_sci import api, io
-from pnp_sci.bench import Method, Source, compare, grid, held_back_score
+from pnp_sci.bench import Case, Method, Source, compare, grid, held_back_score
 from pnp_sci.bench.pareto import Point, chart, front
 from pnp_sci.bench.report import _encode
+from pnp_sci.bench.runner import measure
 from pnp_sci.cli.main import main
 from pnp_sci.datasets import embedded_scene
 from pnp_sci.errors import InputError
@@ -346,6 +347,28 @@ def test_of_several_measurements_the_first_is_compared_unless_told(here):
         assert done.exit_code == 0, done.output
         assert f"--index {index}" in json.loads(Path("r.json").read_text())["rows"][0]["command"]
     assert "--index: 2 came" in run("compare", "two.h5", "--index", 2).stderr
+
+
+def test_masks_of_each_measurement(here):
+    """Compare takes those of the measurement that is compared, bench all, and info says what they are."""
+    scene = embedded_scene(SIZE)
+    x, masks = np.stack([scene.truth, scene.truth[:, ::-1]]), np.stack([scene.masks, scene.masks[:, :, ::-1]])
+    y = np.stack([pnp_sci.simulate(*pair) for pair in zip(x, masks)])
+    io.write("own.npz", {"y": y, "masks": masks, "x": x})
+    options = ("--index", 1, "--truth", "own.npz", "--priors", "tv", "--iterations", 20, "--json", "r.json")
+    done = run("compare", "own.npz", *options)
+    assert done.exit_code == 0, done.output
+    (row,) = json.loads(Path("r.json").read_text())["rows"]
+    assert min(row["psnr"]) > 12
+    made = {}
+    exec(row["python"], made)
+    np.testing.assert_array_equal(made["masks"], masks[1])
+    case = Case("own.npz")
+    assert measure(case, grid(["tv"], iterations=20)[0]).psnr == pytest.approx(row["psnr"], abs=2)
+    np.testing.assert_allclose(Case("own.npz", noise=0).load().y, y, rtol=1e-4, atol=1e-4)
+    done = run("info", "own.npz")
+    assert "masks of 2 measurements, each 2 x 10 of 32 x 32" in done.output
+    assert done.output.count("the views can be told apart") == 2
 
 
 def test_a_failing_method_is_reported_and_the_exit_code_is_1(here):

@@ -107,6 +107,41 @@ def test_saturated_pixels_are_bad():
     assert calibrate(dark, white, raw, full_scale=65535).bad[10, 10:20].all()
 
 
+@pytest.mark.parametrize("crop", [None, (4, 6, 32, 40)])
+def test_pictures_of_another_size_are_refused(crop, tmp_path):
+    """Their upper left part would be other pixels of the sensor."""
+    dark, white, raw = pictures()
+    larger = np.pad(dark, ((0, 0), (0, 16), (0, 16)))
+    for given, name in (((larger, white, raw), "dark"), ((dark, larger, raw), "white")):
+        with pytest.raises(InputError, match=rf"{name} is of 80 x 80 pixels, but patterns of 64 x 64"):
+            calibrate(*given, crop=crop)
+    made = calibrate(dark, white, raw, crop=crop)
+    made.save(tmp_path / "c.mat")
+    for calibration in (made, Calibration.load(tmp_path / "c.mat")):
+        with pytest.raises(InputError, match="raw is of 80 x 80 pixels, but patterns of 64 x 64"):
+            calibration.correct(larger)
+    kept = io.read(tmp_path / "c.mat", "masks"), made.dark, made.bad, np.array([made.crop])
+    io.write(tmp_path / "older.npz", dict(zip(("masks", "dark", "bad", "crop"), kept)))
+    assert Calibration.load(tmp_path / "older.npz").correct(larger).shape == (N, *made.dark.shape)
+
+
+def test_bad_pixels_of_the_whole_sensor_go_with_a_cropped_calibration(tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    dark, white, raw = pictures()
+    calibrate(dark, white, raw, crop=(4, 6, 32, 40)).save("c.npz")
+    io.write("raw.npy", raw[0, 0, 0])
+    io.write("bad.png", (255 * HOT).astype(np.uint8))
+    words = ["solve", "raw.npy", "--iterations", "1", "--bad", "bad.png"]
+    done = CliRunner().invoke(main, [*words, "--calibration", "c.npz"])
+    assert done.exit_code == 0, done.output
+    assert "--masks" not in done.output
+    io.write("part.npy", raw[0, 0, 0, 4:36, 6:46])
+    io.write("part.png", (255 * HOT[4:36, 6:46]).astype(np.uint8))
+    done = CliRunner().invoke(main, ["solve", "part.npy", *words[2:-1], "part.png", "--masks", "c.npz"])
+    assert done.exit_code == 0, done.output
+    assert "the dark frame and the bad pixels of c.npz are not used: --calibration" in done.output
+
+
 def test_crop_holds_for_measurements_too():
     dark, white, raw = pictures()
     made = calibrate(dark, white, raw, crop=(4, 6, 32, 40))

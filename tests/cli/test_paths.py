@@ -1,10 +1,12 @@
 """Paths on the command line: nothing is lost, and what cannot be written is known before any work."""
 
 import os
+import sys
 
 import numpy as np
 import pytest
 from click.testing import CliRunner
+from command_line import subcommand
 
 from pnp_sci import Result, datasets, io
 from pnp_sci.cli.main import main
@@ -76,6 +78,93 @@ def test_a_result_that_finds_no_place_is_kept_elsewhere(folder, monkeypatch):
 
 def _full():
     raise OSError(28, "No space left on device")
+
+
+def test_a_result_that_no_library_can_write_is_kept_elsewhere(folder, monkeypatch):
+    real = Result.save
+    monkeypatch.setattr(Result, "save", lambda self, path: 1 / 0 if "r.mat" in str(path) else real(self, path))
+    done = call("solve", "m.npz", "--iterations", "1", "--out", "r.mat")
+    place = done.output.split("The result is in ")[1].splitlines()[0]
+    assert Result.load(place).x.shape == SCENE.masks.shape
+
+
+def test_both_places_that_are_full_are_named(folder, monkeypatch):
+    (folder / "tmp").mkdir()
+    monkeypatch.setattr("tempfile.tempdir", str(folder / "tmp"))
+    monkeypatch.setattr(Result, "save", lambda self, path: _full())
+    done = call("solve", "m.npz", "--iterations", "1", "--out", "r.npz")
+    assert done.exit_code == 1
+    assert "r.npz cannot be written" in done.output
+    assert str(folder / "tmp") in done.output
+    assert not list((folder / "tmp").iterdir())
+
+
+@pytest.mark.parametrize(
+    ("package", "words"),
+    [
+        ("h5py", ("solve", "m.npz", "--out", "r.h5")),
+        ("zarr", ("solve", "m.npz", "--out", "r.zarr")),
+        ("imageio_ffmpeg", ("solve", "m.npz", "--video", "r.mp4")),
+        ("h5py", ("simulate", "m.npz", "--out", "r.h5")),
+        ("jinja2", ("compare", "m.npz", "--html", "r.html")),
+        ("matplotlib", ("bench", "--curves", "r.svg")),
+        ("matplotlib", ("calibrate", "m.npz", "--report", "r.png")),
+    ],
+)
+def test_a_missing_package_is_known_before_any_work(folder, monkeypatch, package, words):
+    for work in ("api.solve", "sensing.simulate.simulate", "bench.run", "bench.compare", "camera.calibrate.calibrate"):
+        monkeypatch.setattr(f"pnp_sci.{work}", lambda *a, **k: pytest.fail("work was done"))
+    monkeypatch.setitem(sys.modules, package, None)
+    done = call(*words)
+    assert done.exit_code == 2, done.output
+    assert words[-2] in done.output
+    assert f"needs {package}: python -m pip install" in done.output
+
+
+@pytest.mark.parametrize(
+    "words",
+    [
+        ("bench", "--markdown", "nowhere/t.md"),
+        ("bench", "--markdown", "there"),
+        ("bench", "--markdown", "m.npz", "--paper"),
+        ("bench", "--out", "r.json", "--markdown", "r.csv"),
+        ("bench", "--cases", ""),
+        ("bench", "--priors", ""),
+        ("demo", "--out", "m.npz"),
+        ("demo", "--out", "m.npz/x"),
+        ("simulate", "m.npz", "--seed", "-1"),
+    ],
+)
+def test_a_wrong_place_is_known_before_any_work(folder, monkeypatch, words):
+    (folder / "there").mkdir()
+    (folder / "there" / "file").touch()
+    for work in ("api.solve", "bench.run", "sensing.simulate.simulate"):
+        monkeypatch.setattr(f"pnp_sci.{work}", lambda *a, **k: pytest.fail("work was done"))
+    done = call(*words)
+    assert done.exit_code == 2, done.output
+    assert words[-2] in done.output
+
+
+def test_any_name_of_a_file_will_do(folder, monkeypatch):
+    """One that is not UTF-8, and one that leaves no room for another suffix."""
+    odd, long = os.fsdecode(b"m\xff.npz"), "b" * 250 + ".json"
+    try:
+        os.link("m.npz", odd)
+    except OSError:
+        pytest.skip("this file system has no such names")
+    done = call("compare", odd, "--priors", "none", "--iterations", "1", "--html", "r.html")
+    assert done.exit_code == 0, done.output
+    assert "m\\udcff.npz" in (folder / "r.html").read_text("utf-8")
+    done = call("bench", "--cases", odd, "--priors", "none", "--iterations", "1", "--out", long, "--markdown", "r.md")
+    assert done.exit_code == 0, done.output
+    assert "m\\udcff.npz" in (folder / "r.md").read_text("utf-8")
+
+
+def test_a_terminal_without_the_letters_of_a_name_is_no_failure(folder, monkeypatch):
+    monkeypatch.setenv("PYTHONIOENCODING", "latin-1")
+    done = subcommand("solve", "m.npz", "--iterations", 1, "--out", "r\u20ac.npz", cwd=folder)
+    assert done.returncode == 0, done.stderr
+    assert r"Written: r\u20ac.npz" in done.stdout
 
 
 def test_a_link_stays_and_a_device_is_written_to(folder):

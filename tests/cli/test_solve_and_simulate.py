@@ -92,7 +92,8 @@ def test_several_measurements_and_one_of_them(here):
     both = run("solve", "m.h5", "--iterations", 3, "--reference", "result.npz", "--out", "again.npz")
     assert "PSNR" in both.output, both.output
     io.write("three.npz", {"x": np.stack([truth[0]] * 3)})
-    assert "3 videos: one, or 2" in fails(1, "solve", "m.h5", "--index", 1, "--reference", "three.npz")
+    left = run("solve", "m.h5", "--iterations", 3, "--index", 1, "--reference", "three.npz").output
+    assert "--reference is left out: reference has 3 videos: one, or 2" in left
     io.write("long.npz", {"x": films[:, :15]})
     assert "reference has shape (2, 15, 32, 32)" in run("solve", "m.h5", "--reference", "long.npz").output
 
@@ -145,7 +146,10 @@ def test_videos_that_do_not_fit_are_named(here):
 def test_simulate_takes_no_grey_levels_of_unknown_scale(here):
     grey = np.arange(2 * 8 * 8).reshape(2, 8, 8)
     io.write("big_endian.npy", grey.astype(">u2"))
-    assert run("simulate", "big_endian.npy", "--out", "big.npz").exit_code == 0
+    done = run("simulate", "big_endian.npy", "--out", "big.npz")
+    assert done.exit_code == 0
+    assert "white is taken to be 255" in done.stderr
+    assert io.read("big.npz", "x").max() == pytest.approx(127 / 255)
     io.write("several.npz", {"x": np.zeros((3, 2, 4, 8, 8))})
     assert "several.npz holds the videos of 3 measurements" in fails(1, "simulate", "several.npz", "--out", "m.npz")
     for name, video, message in (

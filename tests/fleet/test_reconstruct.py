@@ -8,9 +8,11 @@ from types import SimpleNamespace
 
 import numpy as np
 import pytest
+from click.testing import CliRunner
 from small import FAST, capture, files
 
 import pnp_sci
+from pnp_sci.cli.main import main
 from pnp_sci.errors import FormatError, InputError, InputTypeError, SolverError
 
 pytest.importorskip("distributed")
@@ -110,6 +112,30 @@ def test_a_failure_stops_no_other_measurement(client, tmp_path):
     with pytest.raises(SolverError, match="1 failed"):
         videos.raise_for_status()
     assert pnp_sci.reconstruct(whole, masks, out, client, **FAST).ok  # it is tried again
+
+
+def test_a_measurement_that_is_not_there_fails(client, tmp_path):
+    """What a store without a chunk, or a file that was not written to the end, gives instead is 0."""
+    y, masks = capture()
+    y[3] = 0
+    videos = pnp_sci.reconstruct(y, masks, tmp_path / "v.zarr", client, **FAST)
+    assert [row["ok"] for row in videos.table()] == [True, True, True, False, True]
+    assert "y is 0 everywhere" in videos.record(3)["error"]
+    assert np.isnan(videos.video(3)).all()
+
+
+def test_masks_among_the_measurements_are_none(tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    y, masks = capture()
+    (tmp_path / "caps").mkdir()
+    np.save("caps/y.npy", y)
+    np.save("caps/z.npy", masks[0])
+    for words in (("--masks", "caps/z.npy"), ("--masks", "z.npy", "--bad", "caps/z.npy")):
+        np.save("z.npy", masks[0])
+        done = CliRunner().invoke(main, ["reconstruct", "caps", *words])
+        assert done.exit_code == 2
+        assert "caps/z.npy is in the folder of the measurements" in done.output
+    assert not (tmp_path / "video.zarr").exists()
 
 
 def test_warnings_and_remarks_are_recorded(client, tmp_path):

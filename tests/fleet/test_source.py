@@ -270,3 +270,77 @@ def test_what_is_no_source_is_named(tmp_path):
     with pytest.raises(FormatError, match=r"a \(5, 24, 24\), b"):
         open_source(tmp_path / "two.zarr")
     np.testing.assert_array_equal(open_source(tmp_path / "two.zarr", "b").read(0, 1), Y[:1])
+
+
+def _in_two_files(folder, names=("y_0.ome.tif", "y_1.ome.tif")):
+    """An OME-TIFF whose pictures are in two files, as microscopes write it."""
+    tifffile = pytest.importorskip("tifffile")
+    planes = "".join(
+        f'<TiffData FirstC="0" FirstT="{t}" FirstZ="0" IFD="{t % 2}" PlaneCount="1">'
+        f'<UUID FileName="{names[t // 2]}">urn:uuid:{t // 2}</UUID></TiffData>'
+        for t in range(4)
+    )
+    size = 'SizeC="1" SizeT="4" SizeX="24" SizeY="24" SizeZ="1" Type="uint16"'
+    for i, name in enumerate(names):
+        text = (
+            '<?xml version="1.0"?><OME xmlns="http://www.openmicroscopy.org/Schemas/OME/2016-06" '
+            f'UUID="urn:uuid:{i}"><Image ID="Image:0"><Pixels ID="Pixels:0" DimensionOrder="XYCZT" {size}>{planes}'
+            "</Pixels></Image></OME>"
+        )
+        with tifffile.TiffWriter(folder / name) as file:
+            for n, picture in enumerate(Y[2 * i : 2 * i + 2]):
+                file.write(picture, description=None if n else text, metadata=None, contiguous=False)
+    return folder / names[0], folder / names[1]
+
+
+def _virtual(folder):
+    h5py = pytest.importorskip("h5py")
+    io.write(folder / "part.h5", {"d": Y})
+    layout = h5py.VirtualLayout(Y.shape, Y.dtype)
+    layout[:] = h5py.VirtualSource(str(folder / "part.h5"), "d", Y.shape)
+    with h5py.File(folder / "y.h5", "w") as file:
+        file.create_virtual_dataset("meas", layout)
+    return folder / "y.h5", folder / "part.h5"
+
+
+def _external(folder):
+    h5py = pytest.importorskip("h5py")
+    (folder / "part.bin").write_bytes(Y.tobytes())
+    with h5py.File(folder / "y.h5", "w") as file:
+        file.create_dataset("meas", Y.shape, Y.dtype, external=[(str(folder / "part.bin"), 0, Y.nbytes)])
+    return folder / "y.h5", folder / "part.bin"
+
+
+@pytest.mark.parametrize("made", [_virtual, _external, _in_two_files])
+def test_a_file_whose_other_part_is_missing_is_refused(made, tmp_path):
+    """It is not read as 0, neither before nor after the source was opened."""
+    path, part = made(tmp_path)
+    source = open_source(path)
+    np.testing.assert_array_equal(source.read(0, source.count), Y[: source.count])
+    part.unlink()
+    with pytest.raises(FormatError, match=r"in (an)?other files?.*not there"):
+        open_source(path)
+    with pytest.raises(FormatError, match="not there"):
+        source.read(0, source.count)
+
+
+def test_parts_of_one_series_do_not_count_twice(tmp_path):
+    first, second = _in_two_files(tmp_path)
+    assert open_source(first).count == 4
+    for given in (tmp_path, [second, first]):
+        with pytest.raises(InputError, match="give it alone"):
+            open_source(given)
+    second.rename(tmp_path / "elsewhere")
+    with pytest.raises(FormatError, match="not there"):
+        open_source(tmp_path)
+
+
+def test_chunks_that_are_not_stored_are_counted(tmp_path, caplog):
+    zarr = pytest.importorskip("zarr")
+    array = zarr.create_array(tmp_path / "y.zarr", shape=Y.shape, chunks=(1, 24, 12), dtype=Y.dtype)
+    array[:] = Y
+    open_source(tmp_path / "y.zarr")
+    assert not caplog.records
+    (tmp_path / "y.zarr" / "c" / "3" / "0" / "1").unlink()
+    open_source(tmp_path / "y.zarr")
+    assert "1 of 10 chunks are not stored" in caplog.text

@@ -18,6 +18,21 @@ def test_grey_levels_of_floats():
     assert not any("times the reference" in remark for remark in grey.remarks)
 
 
+@pytest.mark.parametrize("bits", [10, 12, 14, 16])
+def test_cameras_of_any_bits_store_uint16(bits):
+    """PSNR is that of floats; what white was taken for is said, where it is not that of the type."""
+    white = 2**bits - 1
+    plain = pnp_sci.solve(SCENE.y, SCENE.masks, iterations=3, reference=SCENE.truth)
+    levels = np.round(white * SCENE.truth).astype(np.uint16)
+    y = pnp_sci.simulate(levels, SCENE.masks)
+    for peak in (None, white):
+        grey = pnp_sci.solve(y, SCENE.masks, iterations=3, reference=levels, peak=peak)
+        assert grey.history[-1].psnr == pytest.approx(plain.history[-1].psnr, abs=0.05)
+        assert [f"white is taken to be {white}" in remark for remark in grey.remarks] == [True] * (
+            peak is None and bits < 16
+        )
+
+
 def test_peak_says_what_is_white():
     half = pnp_sci.solve(SCENE.y / 2, SCENE.masks, iterations=3, reference=SCENE.truth / 2, peak=0.5)
     plain = pnp_sci.solve(SCENE.y, SCENE.masks, iterations=3, reference=SCENE.truth)
