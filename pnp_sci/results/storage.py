@@ -24,6 +24,7 @@ VIDEOS = "x", "uncertainty"
 
 _EARLIER_STATUSES = {  # sentences that older files hold
     "the residual grew: the best iterate before that is returned": Status.DIVERGED,
+    "the residual grew: the last estimate with the smallest residual, up to the noise, is returned": Status.DIVERGED,
     "an iterate was not finite: the last finite one is returned": Status.NOT_FINITE,
 }
 
