@@ -4,12 +4,11 @@ from __future__ import annotations
 
 from collections.abc import Iterable
 from dataclasses import dataclass
-from numbers import Integral, Real
 from typing import Any
 
 import numpy as np
 
-from pnp_sci._validate import real_array, whole
+from pnp_sci._validate import finite_number, real_array, whole
 from pnp_sci.errors import InputError
 from pnp_sci.sensing.operator import as_masks
 
@@ -85,8 +84,8 @@ def moving_masks(
     True
     """
     views, frames, rows, columns = _checked(shape, density, seed)
-    step, view_shift = _shift("step", step), _shift("view_shift", view_shift)
-    moves = np.arange(views)[:, None, None] * view_shift + np.arange(frames)[:, None] * step
+    each_view, each_frame = _shift("view_shift", view_shift), _shift("step", step)
+    moves = np.arange(views)[:, None, None] * each_view + np.arange(frames)[:, None] * each_frame
     origin = moves.max((0, 1)) - moves
     extent = origin.max((0, 1)) + np.array([rows, columns])
     pattern = np.random.default_rng(seed).random(tuple(extent), np.float32) < density
@@ -260,9 +259,9 @@ def _largest_off_diagonal(matrix: np.ndarray) -> float:
 
 def _checked(shape: Any, density: Any, seed: Any) -> tuple[int, ...]:
     sizes = tuple(shape) if isinstance(shape, Iterable) else ()
-    if len(sizes) != 4 or not all(isinstance(n, Integral) and n >= 1 for n in sizes):
+    if len(sizes) != 4 or not all(isinstance(n, int | np.integer) and n >= 1 for n in sizes):
         raise InputError(f"shape is {shape!r}: (views, frames, rows, columns) was expected, whole numbers >= 1")
-    if not isinstance(density, Real) or not 0 <= density <= 1:
+    if finite_number("density", density, "a number in [0, 1]") > 1:
         raise InputError(f"density is {density!r}: a number in [0, 1] was expected")
     whole("seed", seed, 0)
     return tuple(int(n) for n in sizes)
