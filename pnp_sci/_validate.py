@@ -82,6 +82,12 @@ def positive_number(name: str, value: Any) -> float:
     return number
 
 
+def true_or_false(name: str, value: Any) -> None:
+    """Raise an InputError if `value` is not a bool, of Python or of numpy: a text such as "no" would count as true."""
+    if not isinstance(value, (bool, np.bool_)):
+        raise InputError(f"{name} is {value!r}: True or False was expected")
+
+
 def whole(name: str, value: Any, least: int) -> int:
     """`value` as an int."""
     if not isinstance(value, Integral) or value < least:

@@ -72,7 +72,7 @@ def solve(
         "gap", "plain-gap" or "admm"; "fast", "balanced" or "best": the most iterations, and which prior "auto" is.
     scene : "auto", "full" or SceneModel
         "auto" drops dark views, and models a still scene by one frame per view.
-    bad : "auto", or array_like of bool, (H, W), optional
+    bad : "auto", or array_like of bool, (H, W) or (N, H, W), optional
         Pixels of y that are not used. "auto" finds hot and dead ones.
     iterations, sigma, tol : optional
         Largest number of iterations; what the prior is told, where x spans [0, 1]. By default rules decide. Stop when

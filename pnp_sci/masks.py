@@ -2,12 +2,13 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterable
 from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
 
-from pnp_sci._validate import whole
+from pnp_sci._validate import finite_number, real_array, whole
 from pnp_sci.errors import InputError
 from pnp_sci.sensing.operator import as_masks
 
@@ -33,15 +34,15 @@ def random_masks(shape: tuple[int, int, int, int], density: float = 0.5, seed: i
     Raises
     ------
     InputError
-        If `shape` or `density` is out of its range.
+        If `shape`, `density` or `seed` is out of its range.
 
     Examples
     --------
     >>> float(random_masks((2, 8, 32, 32)).mean().round(1))
     0.5
     """
-    views, frames, rows, columns = _checked(shape, density)
-    return np.random.default_rng(whole("seed", seed, 0)).random((views, frames, rows, columns), np.float32) < density
+    views, frames, rows, columns = _checked(shape, density, seed)
+    return np.random.default_rng(seed).random((views, frames, rows, columns), np.float32) < density
 
 
 def moving_masks(
@@ -74,7 +75,7 @@ def moving_masks(
     Raises
     ------
     InputError
-        If `shape` or `density` is out of its range.
+        If `shape`, `density` or `seed` is out of its range, or a shift is not two whole numbers.
 
     Examples
     --------
@@ -82,11 +83,12 @@ def moving_masks(
     >>> bool((masks[0, 1, 1:, :-1] == masks[0, 0, :-1, 1:]).all())
     True
     """
-    views, frames, rows, columns = _checked(shape, density)
-    moves = np.arange(views)[:, None, None] * view_shift + np.arange(frames)[:, None] * step
+    views, frames, rows, columns = _checked(shape, density, seed)
+    each_view, each_frame = _shift("view_shift", view_shift), _shift("step", step)
+    moves = np.arange(views)[:, None, None] * each_view + np.arange(frames)[:, None] * each_frame
     origin = moves.max((0, 1)) - moves
     extent = origin.max((0, 1)) + np.array([rows, columns])
-    pattern = np.random.default_rng(whole("seed", seed, 0)).random(tuple(extent), np.float32) < density
+    pattern = np.random.default_rng(seed).random(tuple(extent), np.float32) < density
     masks = np.empty((views, frames, rows, columns), bool)
     for v, b in np.ndindex(views, frames):
         top, left = origin[v, b]
@@ -255,9 +257,18 @@ def _largest_off_diagonal(matrix: np.ndarray) -> float:
     return float(np.abs(matrix - np.diag(np.diagonal(matrix))).max())
 
 
-def _checked(shape: tuple[int, ...], density: float) -> tuple[int, ...]:
-    if len(shape) != 4 or min(shape) < 1:
-        raise InputError(f"shape is {tuple(shape)}: (views, frames, rows, columns) was expected, each at least 1")
-    if not 0 <= density <= 1:
-        raise InputError(f"density is {density}: a number in [0, 1] was expected")
-    return shape
+def _checked(shape: Any, density: Any, seed: Any) -> tuple[int, ...]:
+    sizes = tuple(shape) if isinstance(shape, Iterable) else ()
+    if len(sizes) != 4 or not all(isinstance(n, int | np.integer) and n >= 1 for n in sizes):
+        raise InputError(f"shape is {shape!r}: (views, frames, rows, columns) was expected, whole numbers >= 1")
+    if finite_number("density", density, "a number in [0, 1]") > 1:
+        raise InputError(f"density is {density!r}: a number in [0, 1] was expected")
+    whole("seed", seed, 0)
+    return tuple(int(n) for n in sizes)
+
+
+def _shift(name: str, value: Any) -> np.ndarray:
+    shift = real_array(name, value)
+    if shift.shape != (2,) or shift.dtype.kind not in "iu":
+        raise InputError(f"{name} is {value!r}: two whole numbers, (rows, columns), were expected")
+    return shift

@@ -7,13 +7,13 @@ from typing import Any
 
 import numpy as np
 
-from pnp_sci._validate import positive_number
-from pnp_sci.errors import InputError, InputTypeError
+from pnp_sci._validate import positive_number, real_array, white
+from pnp_sci.errors import InputError
 
 _SSIM_WINDOW = 11  # pixels: width of a Gaussian of standard deviation 1.5, truncated at 3.5 standard deviations
 
 
-def psnr(x: Any, reference: Any, peak: float = 1.0) -> Any:
+def psnr(x: Any, reference: Any, peak: float | None = None) -> Any:
     """Peak signal-to-noise ratio in dB, mean over the frames of a view.
 
     Parameters
@@ -22,8 +22,8 @@ def psnr(x: Any, reference: Any, peak: float = 1.0) -> Any:
         Estimate; clipped to [0, peak]. NaN gives NaN. The squared error of a colour frame is the mean over its colours.
     reference : array_like, same shape
         Values in [0, peak].
-    peak : float
-        The value of white, > 0.
+    peak : float, optional
+        The value of white in both, > 0. By default that of their types: 255 of uint8, 65535 of uint16, 1 of floats.
 
     Returns
     -------
@@ -33,7 +33,8 @@ def psnr(x: Any, reference: Any, peak: float = 1.0) -> Any:
     Raises
     ------
     InputError, InputTypeError
-        If the shapes differ, values are not real, or `reference` has values outside [0, peak].
+        If the shapes or the types' values of white differ, values are masked or not real, or `reference` has values
+        outside [0, peak].
 
     Examples
     --------
@@ -44,7 +45,7 @@ def psnr(x: Any, reference: Any, peak: float = 1.0) -> Any:
     return _per_view(_frame_psnr, x, reference, peak)
 
 
-def ssim(x: Any, reference: Any, peak: float = 1.0) -> Any:
+def ssim(x: Any, reference: Any, peak: float | None = None) -> Any:
     """Structural similarity, Gaussian window of standard deviation 1.5, mean over the frames of a view.
 
     Parameters
@@ -53,8 +54,8 @@ def ssim(x: Any, reference: Any, peak: float = 1.0) -> Any:
         Estimate; clipped to [0, peak]. Of a colour frame it is the mean over its colours.
     reference : array_like, same shape
         Values in [0, peak].
-    peak : float
-        The value of white, > 0.
+    peak : float, optional
+        The value of white in both, > 0. By default that of their types: 255 of uint8, 65535 of uint16, 1 of floats.
 
     Returns
     -------
@@ -65,7 +66,8 @@ def ssim(x: Any, reference: Any, peak: float = 1.0) -> Any:
     Raises
     ------
     InputError, InputTypeError
-        If the shapes differ, values are not real, or `reference` has values outside [0, peak].
+        If the shapes or the types' values of white differ, values are masked or not real, or `reference` has values
+        outside [0, peak].
 
     References
     ----------
@@ -81,18 +83,15 @@ def ssim(x: Any, reference: Any, peak: float = 1.0) -> Any:
     return _per_view(_frame_ssim, x, reference, peak)
 
 
-def _per_view(score: Callable[[np.ndarray, np.ndarray], float], x: Any, reference: Any, peak: float) -> Any:
-    x, reference = np.asarray(x), np.asarray(reference)
-    for name, array in (("x", x), ("reference", reference)):
-        if array.dtype.kind not in "biuf":
-            raise InputTypeError(f"{name} has dtype {array.dtype}: real numbers were expected")
+def _per_view(score: Callable[[np.ndarray, np.ndarray], float], x: Any, reference: Any, peak: float | None) -> Any:
+    x, reference = real_array("x", x), real_array("reference", reference)
     colour = x.ndim == 5 and x.shape[-1] == 3
     if x.shape != reference.shape or not (x.ndim in (2, 3, 4) or colour) or x.size == 0:
         raise InputError(
             f"x has shape {x.shape} and reference {reference.shape}: the same was expected, (V, B, H, W), (B, H, W), "
             "(H, W), or (V, B, H, W, 3)"
         )
-    if (peak := positive_number("peak", peak)) != 1:
+    if (peak := _white(x, reference) if peak is None else positive_number("peak", peak)) != 1:
         x, reference = x / peak, reference / peak
     if not (reference.min() >= -1e-6 and reference.max() <= 1 + 1e-6):
         spans = f"{reference.min() * peak:g} to {reference.max() * peak:g}"
@@ -101,6 +100,17 @@ def _per_view(score: Callable[[np.ndarray, np.ndarray], float], x: Any, referenc
     frames = zip(x.reshape(-1, *frame), reference.reshape(-1, *frame))
     values = np.array([score(np.clip(_floating(a), 0, 1), _floating(b)) for a, b in frames])
     return values.reshape(len(x), -1).mean(1) if x.ndim > 3 else float(values.mean())
+
+
+def _white(x: np.ndarray, reference: np.ndarray) -> float:
+    """The value of white of both types."""
+    of_x, peak = white("x", x.dtype), white("reference", reference.dtype)
+    if of_x != peak:
+        raise InputError(
+            f"x has dtype {x.dtype}, where white is {of_x:g}, and reference {reference.dtype}, where it is {peak:g}: "
+            "the same was expected; peak= says what is white in both"
+        )
+    return peak
 
 
 def _floating(frame: np.ndarray) -> np.ndarray:

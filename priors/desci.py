@@ -9,7 +9,7 @@ from dataclasses import dataclass
 import numba
 import numpy as np
 
-from pnp_sci._validate import finite_number, positive_number, whole
+from pnp_sci._validate import finite_number, positive_number, true_or_false, whole
 from pnp_sci.accel.arrays import single
 from pnp_sci.errors import InputError
 from pnp_sci.plugins.combine import Stages
@@ -124,6 +124,8 @@ class DeSCI(Prior):
         for name in ("strength", "begin_strength"):
             positive_number(name, getattr(self, name))
         finite_number("beside", self.beside)
+        for name in ("motion", "exact"):
+            true_or_false(name, getattr(self, name))
 
     @staticmethod
     def published() -> Stages:

@@ -9,8 +9,7 @@ from typing import Any
 import numpy as np
 
 from pnp_sci._tuned import Tuned
-from pnp_sci._validate import whole
-from pnp_sci.errors import InputError
+from pnp_sci._validate import positive_number, true_or_false, whole
 from pnp_sci.plugins.on_host import OnHost
 from pnp_sci.plugins.protocols import Prior, Session, Traits
 from priors.bm3d import BM3D, BM3DSession
@@ -102,9 +101,10 @@ class Flow(Prior):
         whole("neighbours", self.neighbours, 1)
         whole("first", self.first, 0)
         whole("renew", self.renew, 1)
-        for name, value in (("tolerance", self.tolerance), ("drift", self.drift)):
-            if not 0 < value < np.inf:
-                raise InputError(f"{name} is {value}: a number > 0 was expected")
+        for name in ("tolerance", "drift"):
+            positive_number(name, getattr(self, name))
+        for name in ("still", "displace"):
+            true_or_false(name, getattr(self, name))
 
     def traits(self, shape: tuple[int, ...]) -> Traits:
         """Strong after total variation; estimates change with the motion and the groups."""

@@ -10,7 +10,7 @@ from typing import Any, Literal
 import numpy as np
 
 from pnp_sci._tuned import Tuned
-from pnp_sci._validate import whole
+from pnp_sci._validate import positive_number, true_or_false, whole
 from pnp_sci.errors import InputError
 from pnp_sci.plugins.protocols import Prior, Session
 from priors.kernels.dual import ALL, NOTHING, STEP
@@ -88,9 +88,10 @@ class TV(Prior):
     still: bool = True
 
     def __post_init__(self):
-        if not 0 < self.strength < np.inf:
-            raise InputError(f"strength is {self.strength}: a number > 0 was expected")
+        positive_number("strength", self.strength)
         whole("inner", self.inner, 1)
+        for name in ("isotropic", "still"):
+            true_or_false(name, getattr(self, name))
         if self.time != "auto" and not (isinstance(self.time, Real) and 0 <= self.time < np.inf):
             raise InputError(f'time is {self.time!r}: "auto" or a number >= 0 was expected')
 

@@ -7,6 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 import pywt
 
+from pnp_sci._validate import positive_number, whole
 from pnp_sci.errors import InputError
 from pnp_sci.plugins.protocols import Prior, Session
 
@@ -65,16 +66,13 @@ class Wavelet(Prior):
     seed: int = 0
 
     def __post_init__(self):
-        if not 0 < self.strength < np.inf:
-            raise InputError(f"strength is {self.strength}: a finite number > 0 was expected")
+        positive_number("strength", self.strength)
         if self.wavelet not in pywt.wavelist(kind="discrete"):  # type: ignore[attr-defined]
             raise InputError(
                 f'wavelet is {self.wavelet!r}: a discrete wavelet such as "haar", "db2" or "sym4" was expected'
             )
         for name, least in (("levels", 1), ("time", 0), ("shifts", 1), ("seed", 0)):
-            value = getattr(self, name)
-            if int(value) != value or value < least:
-                raise InputError(f"{name} is {value}: a whole number >= {least} was expected")
+            whole(name, getattr(self, name), least)
 
     def begin(self, shape: tuple[int, ...], dtype: np.dtype) -> Session:
         """A session that begins with the first shift."""

@@ -93,8 +93,8 @@ def recommend(
     ------
     InputError
         If the budget is not above 0 or less than the quickest method needs, or nothing `like` it was measured.
-    FormatError
-        If the file holds no results.
+    FileNotFoundError, FormatError
+        If there is no file `results`, or it holds none.
 
     Examples
     --------
@@ -261,13 +261,16 @@ def _is_like(row: dict[str, Any], like: str | Sequence[int]) -> bool:
 
 @cache
 def _read(path: str) -> list[dict[str, Any]]:
+    if not Path(path).is_file():
+        raise FileNotFoundError(f"{path}: there is no such file")
     try:
         rows = json.loads(Path(path).read_text(encoding="utf-8"))["rows"]
         if missing := [key for key in KEYS for row in rows if key not in row]:
             raise KeyError(missing[0])
         return rows
     except (ValueError, KeyError, TypeError) as error:
-        raise FormatError(f"{path} holds no results of `pnp-sci bench`: {error!r}") from error
+        why = f"{type(error).__name__}: {error}"  # of an error in text, repr would show all bytes of the file
+        raise FormatError(f"{path} holds no results of `pnp-sci bench`: {why}") from error
 
 
 @cache

@@ -22,7 +22,7 @@ from pnp_sci.pipeline.input import Input, told
 from pnp_sci.pipeline.reference import Reference
 from pnp_sci.results.result import Result
 from pnp_sci.scene.choose import choose_scene
-from pnp_sci.sensing.operator import as_masks
+from pnp_sci.sensing.operator import SensingOperator, as_masks
 from pnp_sci.sensing.problem import check_noise, measured
 from pnp_sci.sensing.scene_model import SceneModel
 from pnp_sci.sensing.sensor import Sensor
@@ -144,7 +144,7 @@ def compare(
     Parameters
     ----------
     y : array_like, (H, W)
-    masks : array_like, (V, B, H, W) or (B, H, W)
+    masks : array_like, (V, B, H, W) or (B, H, W), or SensingOperator
     methods : sequence of Method
     reference : array_like, optional
         The truth, as for :func:`pnp_sci.solve`.
@@ -211,7 +211,7 @@ class _Task:
 
     @classmethod
     def of(cls, y: Any, masks: Any, reference: Any, common: dict[str, Any], source: Source | None, bad: Any) -> _Task:
-        planes = as_masks(masks)
+        planes = masks.masks if isinstance(masks, SensingOperator) else as_masks(masks)
         given = Input.of(y, planes, bad)
         op, (picture,) = given.op, given.measurements
         (fit,) = fits = given.check(check_noise(common["noise"]))

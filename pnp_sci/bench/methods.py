@@ -10,6 +10,7 @@ from pathlib import Path
 from typing import Any
 
 from pnp_sci import api
+from pnp_sci.errors import InputError
 from pnp_sci.results.result import Result
 from pnp_sci.sensing.sensor import Sensor
 
@@ -128,9 +129,15 @@ def grid(
 ) -> list[Method]:
     """The decoders without a solver, then all distinct combinations of the other arguments.
 
+    An InputError if one of them is a single name instead of a sequence of names.
+
     >>> [method.name for method in grid(["tv", "flow"], efforts=["fast", "balanced"])]
     ['tv, fast', 'tv', 'flow, fast', 'flow']
     """
+    given = {"priors": priors, "inits": inits, "algorithms": algorithms, "efforts": efforts, "decoders": decoders}
+    for argument, names in given.items():
+        if isinstance(names, str):
+            raise InputError(f"{argument} is {names!r}: a sequence of names was expected, such as [{names!r}]")
     alone = [Method(None, init=decoder) for decoder in decoders]
     combinations = product(priors, inits, algorithms, efforts)
     return list(dict.fromkeys([*alone, *(Method(*combination, iterations) for combination in combinations)]))

@@ -87,4 +87,5 @@ def read(path: str | Path) -> list[Row]:
     try:
         return [Row.from_dict(row) for row in json.loads(Path(path).read_text(encoding="utf-8"))["rows"]]
     except (ValueError, KeyError, TypeError) as error:
-        raise FormatError(f"{path} holds no results of `pnp-sci bench`: {error!r}") from error
+        why = f"{type(error).__name__}: {error}"  # of an error in text, repr would show all bytes of the file
+        raise FormatError(f"{path} holds no results of `pnp-sci bench`: {why}") from error

@@ -27,8 +27,13 @@ from pnp_sci.solvers.pace import in_time, remember
 from pnp_sci.solvers.plan import make_plan
 from pnp_sci.solvers.run import run
 from pnp_sci.solvers.state import Array, Operator, State, length, start
-from pnp_sci.solvers.stopping import relative_residual
+from pnp_sci.solvers.stopping import explains, held, noise_floor, relative_residual
 
+LITTLE = 1.5  # times the residual of noise: a measurement of noise alone has nothing that could be explained
+UNEXPLAINED = (
+    "the video explains nothing of y: the relative residual is {:.2f}, where that of a black video is 1; "
+    "test the prior with pnp_sci.testing.check_prior"
+)
 JUDGING = 0.25  # of a time budget, to find out what of a scene has to be modelled
 
 
@@ -115,12 +120,15 @@ def reconstruct(
         del x
         state, status, records = run(
             iterates, y, plan, watch,
-            noise=joint.typical_noise, score=score, saturated=saturated, finish=finish,
+            noise=joint.typical_noise, most=held(reduced, joint.y), score=score, saturated=saturated, finish=finish,
         )  # fmt: skip
         remember(plan, reduced.shape, [record.seconds for record in records], finish.seconds, backend)
         for video, own in zip(kept(backend.get(state.x)), out):
             put(video, own, joint.unit)
         facts = session.facts()
+    floor = LITTLE * noise_floor(joint.typical_noise, joint.y)
+    if status in (Status.CONVERGED, Status.ITERATIONS) and not explains(records[-1].residual, floor):
+        remarks = [*remarks, UNEXPLAINED.format(records[-1].residual)]
     own = list(window.of_kept(problems))
     scenes = [_found(scene, problem, facts, remarks) for problem in own]
     records = [replace(record, measurement=window.kept.start) for record in records]

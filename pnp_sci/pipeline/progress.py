@@ -6,6 +6,7 @@ from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from typing import Any
 
+from pnp_sci.errors import InputTypeError
 from pnp_sci.results.history import Record
 from pnp_sci.solvers.state import State
 
@@ -26,7 +27,13 @@ class Watch:
         if self.bar is not None and record.iteration:
             self.bar.set_postfix_str(f"residual {record.residual:.4f}", refresh=False)
             self.bar.update()
-        self.stopped = self.stopped or bool(self.callback and self.callback(state))
+        if self.callback and not self.stopped:
+            answer = self.callback(state)
+            try:
+                self.stopped = bool(answer)
+            except Exception as error:  # arrays of any library
+                kind = type(answer).__name__
+                raise InputTypeError(f"callback returns {kind}: None, True or False was expected") from error
         return self.stopped
 
 

@@ -45,6 +45,11 @@ def solve_all(y: Any, masks: Any, reference: Any, peak: float | None, options: d
     colours = () if given.mosaic is None else (3,)
     truth = None if reference is None else Reference(reference, (count, *op.shape, *colours), peak, given.shown)
     _warn_of_lost_views(op)
+    if request.sigma is not None and request.sigma > 1:
+        _log.warning(
+            "sigma is %g, but it is in units where x spans about [0, 1]: if these are grey levels of 255, give %.2g",
+            request.sigma, request.sigma / 255,
+        )  # fmt: skip
 
     videos = np.empty((count, *op.shape), op.dtype)
     outcomes: list[Outcome] = []

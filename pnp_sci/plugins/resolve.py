@@ -9,7 +9,7 @@ from typing import Any
 
 import numpy as np
 
-from pnp_sci._validate import finite_number, real_array, shaped, whole
+from pnp_sci._validate import finite_number, real_array, require_finite, shaped, whole
 from pnp_sci.errors import InputError, InputTypeError
 from pnp_sci.plugins import registry
 from pnp_sci.plugins.combine import FunctionPrior, Identity, Joint, Stages
@@ -57,7 +57,7 @@ def _made(prior: Any, options: dict[str, Any], used: set[str]) -> Prior:
         return prior
     if is_torch_module(prior):
         return TorchPrior(prior, options["device"])
-    if isinstance(prior, Sequence) and prior and all(isinstance(s, Sequence) and len(s) == 2 for s in prior):
+    if isinstance(prior, Sequence) and prior and all(_is_stage(stage) for stage in prior):
         for _, calls in prior:
             whole("iterations of a stage of prior", calls, 1)
         return Stages([(_made(stage, options, used), int(calls)) for stage, calls in prior])
@@ -67,6 +67,10 @@ def _made(prior: Any, options: dict[str, Any], used: set[str]) -> Prior:
         f"prior is {prior!r}: a name, a Prior, a callable (x, sigma), a torch module or a sequence of "
         "(prior, iterations) was expected"
     )
+
+
+def _is_stage(stage: Any) -> bool:
+    return isinstance(stage, Sequence) and not isinstance(stage, str) and len(stage) == 2
 
 
 def _named(prior: str, options: dict[str, Any], used: set[str]) -> Prior:
@@ -175,6 +179,7 @@ def denoise(x: Any, sigma: float, prior: Any = "tv", **options: Any) -> np.ndarr
     v = np.array(v, np.float64 if v.dtype == np.float64 else np.float32, order="C")
     if v.ndim != 4 or v.size == 0:
         raise InputError(f"x has shape {v.shape}: (views, frames, rows, columns) was expected, none of them 0")
+    require_finite("x", v)
     sigma = finite_number("sigma", sigma)
     session = as_prior(prior, **options).begin(v.shape, v.dtype)
     return np.array(shaped("what the prior returns", session(v, sigma), v.shape, v.dtype))

@@ -21,7 +21,7 @@ class Status(Enum):
     ITERATIONS = "the number of iterations was reached"
     TIME_BUDGET = "the time budget was spent"
     STOPPED = "the callback asked to stop"
-    DIVERGED = "the residual grew: the last estimate with the smallest residual, up to the noise, is returned"
+    DIVERGED = "the estimate or its residual grew: the last one with the smallest residual, up to noise, is returned"
     NOT_FINITE = "an estimate was not finite: the best one before is returned, or zeros if there is none"
 
     @property

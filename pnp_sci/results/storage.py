@@ -24,6 +24,7 @@ VIDEOS = "x", "uncertainty"
 
 _EARLIER_STATUSES = {  # sentences that older files hold
     "the residual grew: the best iterate before that is returned": Status.DIVERGED,
+    "the residual grew: the last estimate with the smallest residual, up to the noise, is returned": Status.DIVERGED,
     "an iterate was not finite: the last finite one is returned": Status.NOT_FINITE,
 }
 
@@ -89,9 +90,14 @@ def _fields(parts: Mapping[str, Any]) -> dict[str, Any]:
         "status": _EARLIER_STATUSES.get(status) or Status(status),
         "history": History.from_table(parts["history"]),
         "settings": settings,
-        "scenes": scenes,
+        "scenes": [_as_described(scene) for scene in scenes],
         "uncertainty": _errors_of(x, parts.get("uncertainty")),
     }
+
+
+def _as_described(scene: dict[str, Any]) -> dict[str, Any]:
+    """A scene with the tuples of a :class:`~pnp_sci.SceneModel`, for which JSON has lists."""
+    return scene | {name: tuple(scene[name]) for name in ("views", "still") if isinstance(scene.get(name), list)}
 
 
 def _errors_of(x: np.ndarray, errors: np.ndarray | None) -> np.ndarray | None:

@@ -3,10 +3,13 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 
 from pnp_sci._tuned import Tuned
+from pnp_sci._validate import require_finite, shaped
+from pnp_sci.errors import InputTypeError
 from pnp_sci.sensing.operator import SensingOperator
 
 BLOCK = 8  # pixels per side of a block
@@ -23,7 +26,7 @@ TUNED = NoiseNumbers()
 
 
 def estimate_noise(
-    op: SensingOperator, y: np.ndarray, saturated: np.ndarray | None = None, bad: np.ndarray | None = None
+    op: SensingOperator, y: Any, saturated: np.ndarray | None = None, bad: np.ndarray | None = None
 ) -> float:
     """Standard deviation of the noise of a measurement, in the units of y.
 
@@ -36,7 +39,8 @@ def estimate_noise(
     Parameters
     ----------
     op : SensingOperator
-    y : ndarray, (H, W)
+    y : array_like, (H, W)
+        Finite real numbers.
     saturated : ndarray of bool, (H, W), optional
         Blocks with a saturated pixel are not used.
     bad : ndarray of bool, (H, W), optional
@@ -46,6 +50,11 @@ def estimate_noise(
     -------
     float
         >= 0; 0.0 if there are fewer than 16 blocks, or at least as many coefficients as pixels in a block.
+
+    Raises
+    ------
+    InputError, InputTypeError
+        If `op` is no operator, y is not finite, or an array has another shape than the masks.
 
     Examples
     --------
@@ -57,7 +66,15 @@ def estimate_noise(
     """
     from scipy.special import gammaincinv
 
+    if not isinstance(op, SensingOperator):
+        raise InputTypeError(f"op is {type(op).__name__}: a SensingOperator was expected, as SensingOperator(masks) is")
     views, frames, rows, columns = op.shape
+    y = shaped("y", y, (rows, columns), np.dtype(np.float64))
+    require_finite("y", y)
+    saturated, bad = (
+        None if pixels is None else shaped(name, pixels, y.shape, np.dtype(bool))
+        for name, pixels in (("saturated", saturated), ("bad", bad))
+    )
     good = np.ones((rows // BLOCK) * (columns // BLOCK), int) * BLOCK * BLOCK if bad is None else blocks(~bad).sum(1)
     freedom = good - 4 * views
     usable = freedom >= (1 if bad is None else 4 * views)
@@ -73,7 +90,7 @@ def estimate_noise(
         drift = blocks(np.einsum("b,bij->ij", time, masks))  # tensordot would start BLAS threads
         terms += [total, total * down, total * right, drift]
     model = np.stack(terms, axis=-1)
-    values = blocks(y.astype(np.float64))
+    values = blocks(y)
     if bad is not None:
         model, values = model * ~blocks(bad)[..., None], values * ~blocks(bad)
     normal = model.transpose(0, 2, 1) @ model

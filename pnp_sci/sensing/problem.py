@@ -112,7 +112,7 @@ def _pictures(y: Any) -> np.ndarray:
 
 
 def check_bad(bad: Any, y: Any) -> np.ndarray | None:
-    """The pixels of each measurement that are not used, bool (N, H, W): `bad` (H, W), and masked values of y.
+    """The pixels of each measurement that are not used, bool (N, H, W): `bad` (H, W) or like y, masked values of y.
 
     None if there are none. "auto" stands for masked values only: the others are still to be found.
 
@@ -132,8 +132,9 @@ def check_bad(bad: Any, y: Any) -> np.ndarray | None:
         picture = real_array("bad", bad)
         if picture.dtype.kind == "f":
             raise InputTypeError(f"bad has dtype {picture.dtype}: True and False, or whole numbers, were expected")
-        if picture.shape != shape[1:]:
-            raise InputError(f"bad has shape {picture.shape}, but y has pictures of {shape[1:]}: the same was expected")
+        if picture.shape not in (shape[1:], np.shape(y)):
+            expected = f"{shape[1:]}, or the same as y, was expected"
+            raise InputError(f"bad has shape {picture.shape}, but y {np.shape(y)}: {expected}")
         unused = picture.astype(bool) if unused is None else unused | picture.astype(bool)
     if unused is None or not unused.any():
         return None

@@ -67,9 +67,7 @@ class Sensor:
             if self.full_scale == 0:
                 raise InputError("full_scale is 0: a number > 0 was expected")
         if self.bits is not None:
-            store("bits", whole("bits", self.bits, 1))
-            if self.bits > 32:
-                raise InputError(f"bits is {self.bits}: a whole number from 1 to 32 was expected")
+            store("bits", check_bits(self.bits))
             if self.full_scale is None:
                 raise InputError(
                     f"bits is {self.bits}, but full_scale is None: the value of the last level was expected"
@@ -134,3 +132,10 @@ class Sensor:
             return None
         reached = y >= self.full_scale * (1 - REACHED) - self.step / 2
         return reached if reached.any() else None
+
+
+def check_bits(bits: Any) -> int | None:
+    """`bits` as a whole number from 1 to 32, or None."""
+    if bits is not None and whole("bits", bits, 1) > 32:
+        raise InputError(f"bits is {bits}: a whole number from 1 to 32 was expected")
+    return None if bits is None else int(bits)

@@ -7,13 +7,13 @@ from typing import Any
 
 import numpy as np
 
-from pnp_sci._validate import finite_number, require_finite
+from pnp_sci._validate import finite_number, positive_number, real_array, require_finite, whole
 from pnp_sci.errors import InputError
 from pnp_sci.io import read_video
 from pnp_sci.sensing.mosaic import Mosaic, check_cells
 from pnp_sci.sensing.operator import SensingOperator
 from pnp_sci.sensing.problem import check_bad
-from pnp_sci.sensing.sensor import Sensor
+from pnp_sci.sensing.sensor import Sensor, check_bits
 
 
 def simulate(
@@ -41,7 +41,7 @@ def simulate(
     noise : float or Sensor
         Standard deviation of the noise relative to `peak`, >= 0; or the camera, in the units of the measurement.
     seed : int
-        Random seed of the noise.
+        Random seed of the noise, >= 0.
     bits : int, optional
         Bits of the camera, 1 to 32; by default no rounding. Not beside a Sensor.
     peak : float, optional
@@ -59,7 +59,7 @@ def simulate(
     Raises
     ------
     InputError, InputTypeError
-        If `video` and `masks` differ in shape, or an argument is out of its range.
+        If `video` and `masks` differ in shape, an argument is out of its range, or the measurement is not finite.
 
     Examples
     --------
@@ -72,13 +72,12 @@ def simulate(
             raise InputError(f"bits is {bits}, peak is {peak}: neither was expected beside a Sensor, which has its own")
     else:
         noise = finite_number("noise", noise, "a Sensor or a finite number >= 0")
-    if bits is not None and bits not in range(1, 33):
-        raise InputError(f"bits is {bits}: a whole number from 1 to 32 was expected")
-    if peak is not None and not 0 < peak < np.inf:
-        raise InputError(f"peak is {peak}: a finite number > 0 was expected")
+    bits, peak = check_bits(bits), None if peak is None else positive_number("peak", peak)
+    seed = whole("seed", seed, 0)
     op = SensingOperator(masks)
     colours = () if mosaic is None else (3,)
-    x = read_video(video, op.shape[0], None, bool(colours)) if isinstance(video, (str, Path)) else np.asarray(video)
+    from_file = isinstance(video, (str, Path))
+    x = read_video(video, op.shape[0], None, bool(colours)) if from_file else real_array("video", video)
     x = x[None] if x.ndim == 3 + len(colours) else x
     if x.shape != (*op.shape, *colours):
         expected = f"{(*op.shape, *colours)} in colour" if colours else "the same"
@@ -93,5 +92,7 @@ def simulate(
         highest = float(y.max()) if peak is None else peak
         levels = (highest, bits) if bits is not None and highest > 0 else (None, None)
         noise = Sensor(abs(noise * highest), 0.0, *levels)
-    y = noise.expose(y, seed)
+    with np.errstate(over="ignore"):
+        y = noise.expose(y, seed)
+    require_finite("the measurement", y, "; a smaller noise, peak or video, or masks in float64")
     return y if dead is None else np.where(dead[0], y.dtype.type(0), y)

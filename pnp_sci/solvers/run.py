@@ -11,7 +11,7 @@ from pnp_sci.results.history import Record, Status
 from pnp_sci.solvers.averaging import RunningMean
 from pnp_sci.solvers.plan import Plan
 from pnp_sci.solvers.state import Array, State, length
-from pnp_sci.solvers.stopping import Guard, Stopping, relative_residual
+from pnp_sci.solvers.stopping import Guard, Stopping, noise_floor, relative_residual
 
 Score = Callable[[Array], float | None]
 
@@ -34,6 +34,7 @@ def run(
     observe: Callable[[State, Record], bool],
     *,
     noise: float = 0.0,
+    most: float = math.inf,
     score: Score | None = None,
     saturated: Array | None = None,
     finish: Callable[[State], State] | None = None,
@@ -43,7 +44,8 @@ def run(
     Where the plan says so, what is observed and returned is a running mean of the iterates; the solver goes on from the
     iterates themselves, and failure and convergence are tested on them. `finish` makes of the last estimate the one
     that is returned. After a failure the last estimate with the smallest residual is returned, residuals below the
-    `noise` of y counting as equal, and the records end with it. Time spent in `score` and `observe` is not counted.
+    `noise` of y counting as equal, and the records end with it. `most` is the length of x that y can hold. Time that is
+    spent in `score` and `observe` is not counted.
 
     Returns
     -------
@@ -51,12 +53,10 @@ def run(
         The last record is of the estimate that is returned.
     """
     norm = length(y) or 1.0
+    floor = noise_floor(noise, y)
     clock, guard, stopping, mean = (
-        _Clock(time.perf_counter()),
-        Guard(noise * math.prod(y.shape) ** 0.5 / norm),
-        Stopping(plan, norm),
-        RunningMean(),
-    )
+        _Clock(time.perf_counter()), Guard(floor, most), Stopping(plan, norm, floor), RunningMean()
+    )  # fmt: skip
     records: list[Record] = []
 
     def record_of(state: State, seconds: float) -> Record:
@@ -64,7 +64,8 @@ def run(
         return Record(state.iteration, seconds, relative, state.sigma, score(state.x) if score else None)
 
     for state in states:
-        failure = guard.failure(state, relative_residual(state, norm, saturated))
+        relative, size = relative_residual(state, norm, saturated), length(state.x)
+        failure = guard.failure(state, relative, size)
         if failure and guard.best is None:  # the first estimate itself
             return state, failure, [record_of(state, clock.seconds())]
         if failure:
@@ -72,11 +73,11 @@ def run(
         estimate = mean(state, plan.averages(state.iteration))
         now, seconds = time.perf_counter(), clock.seconds()
         records.append(record_of(estimate, seconds))
-        guard.keep(estimate, records[-1].residual)
+        guard.keep(estimate, records[-1].residual, size)
         asked = observe(estimate, records[-1])
         clock.aside += time.perf_counter() - now
         lasted = seconds - records[-2].seconds if len(records) > 1 else 0.0
-        status = stopping.reason(state, lasted, finish is not None)
+        status = stopping.reason(state, lasted, finish is not None, relative, size)
         if asked or status:
             break
     else:

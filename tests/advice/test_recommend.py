@@ -101,6 +101,12 @@ def test_bad_input_is_named(results, tmp_path):
     (tmp_path / "table.json").write_text('{"rows": [{"method": "tv"}]}')
     with pytest.raises(FormatError, match=r"table\.json.*'case'"):
         pnp_sci.recommend(1, results=tmp_path / "table.json")
+    with pytest.raises(FileNotFoundError, match=r"nowhere\.json: there is no such file"):
+        pnp_sci.recommend(1, results=tmp_path / "nowhere.json")
+    np.savez(tmp_path / "binary.json.npz", np.arange(1000))
+    with pytest.raises(FormatError, match=r"binary.*holds no results.*UnicodeDecodeError") as error:
+        pnp_sci.recommend(1, results=tmp_path / "binary.json.npz")
+    assert len(str(error.value)) < 300 + len(str(tmp_path))
     (tmp_path / "other.json").write_text("{}")
     with pytest.raises(FormatError, match=r"other\.json"):
         pnp_sci.recommend(1, results=tmp_path / "other.json")

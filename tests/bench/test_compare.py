@@ -23,6 +23,7 @@ from pnp_sci.datasets import embedded_scene
 from pnp_sci.errors import InputError
 from pnp_sci.plugins import registry
 from pnp_sci.results.result import Result
+from pnp_sci.sensing.operator import SensingOperator
 
 SIZE = 32
 STEPS = 8
@@ -184,6 +185,20 @@ def test_the_input_is_at_fault_before_any_method_runs():
         compare(np.ones((2, 4, 4)), np.ones((1, 2, 4, 4)), [Method("tv")])
     with pytest.raises(InputError, match="methods is empty"):
         compare(np.ones((4, 4)), np.ones((1, 2, 4, 4)), [])
+
+
+@pytest.mark.parametrize("argument", ["priors", "inits", "algorithms", "efforts", "decoders"])
+def test_one_name_is_no_sequence_of_names(argument):
+    with pytest.raises(InputError, match=f"{argument} is 'tv': a sequence of names"):
+        grid(**{"priors": ["tv"], argument: "tv"})
+
+
+def test_an_operator_stands_for_its_masks():
+    scene = embedded_scene(SIZE)
+    method = grid(["tv"], iterations=2)
+    by_array, by_operator = (compare(scene.y, m, method) for m in (scene.masks, SensingOperator(scene.masks)))
+    assert np.array_equal(by_array.trials[0].result.x, by_operator.trials[0].result.x)
+    assert by_array.trials[0].score == by_operator.trials[0].score
 
 
 def test_names_say_what_is_unusual():

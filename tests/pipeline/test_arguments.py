@@ -40,7 +40,8 @@ def scene():
         ({"prior": dict}, "prior is <class 'dict'>"),
         ({"prior": lambda x, sigma: None}, "what the prior returns has dtype object"),
         ({"prior": lambda x, sigma: x[0]}, "what the prior returns has shape"),
-        ({"strength": "much"}, "prior 'tv' cannot be made with {'strength': 'much'}"),
+        ({"strength": "much"}, "strength is 'much': a finite number > 0"),
+        ({"isotropic": "no"}, "isotropic is 'no': True or False"),
         ({"algorithm": ["gap"]}, r"algorithm is \['gap'\]"),
         ({"scene": np.ones(3)}, "scene is array"),
         ({"sigma": 10**400}, "sigma is 1000"),
@@ -56,6 +57,13 @@ def test_errors_name_the_argument(scene, change, message):
     arguments = {"y": scene.y, "masks": scene.masks, **change}
     with pytest.raises((InputError, InputTypeError, UnknownPluginError), match=message):
         solve(**arguments)
+
+
+@pytest.mark.parametrize(("sigma", "told"), [(25, True), (1.0, False), (0.05, False), (None, False)])
+def test_a_sigma_in_grey_levels_is_noticed(scene, caplog, sigma, told):
+    """sigma is in units where x spans [0, 1], whatever the units of y are."""
+    solve(scene.y * 255, scene.masks, sigma=sigma, iterations=1)
+    assert any("sigma is 25" in message and "0.098" in message for message in caplog.messages) == told
 
 
 def test_non_finite_input_is_counted(scene):

@@ -113,6 +113,21 @@ def test_the_noise_is_that_of_the_good_pixels():
     assert estimate_noise(op, np.where(bad, 50, y), bad=bad) == pytest.approx(0.3, rel=0.15)
 
 
+def test_each_measurement_may_have_its_own(scene, y):
+    """As where the measurements are a masked array."""
+    two, bad = np.stack([y, 2 * y]), np.zeros((2, 64, 64), bool)
+    bad[0, 3:6, 4], bad[1, 20, 30:33] = True, True
+    given, masked = (
+        solve(two, scene.masks, bad=bad, iterations=3),
+        solve(np.ma.array(two, mask=bad), scene.masks, iterations=3),
+    )
+    assert np.array_equal(given.x, masked.x)
+    assert [found["bad"] for found in given.scenes] == [3, 3]
+    for wrong in (bad[:1], np.concatenate([bad, bad])):
+        with pytest.raises(InputError, match="bad has shape"):
+            solve(two, scene.masks, bad=wrong)
+
+
 def test_dead_pixels_are_simulated(scene, bad):
     y = pnp_sci.simulate(scene.truth, scene.masks, 0.1, bad=bad)
     assert np.array_equal(y, np.where(bad, 0, pnp_sci.simulate(scene.truth, scene.masks, 0.1)))

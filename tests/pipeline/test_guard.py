@@ -60,6 +60,43 @@ def test_history_psnr_and_video_are_of_the_same_estimate(scene, algorithm, avera
         result.raise_for_status()
 
 
+@pytest.mark.parametrize("backend", ["numba", "torch"])
+@pytest.mark.parametrize("algorithm", ["gap", "plain-gap", "admm"])
+@pytest.mark.parametrize("gain", [1.1, 1.3, 2])
+def test_a_prior_that_amplifies_is_caught(scene, gain, algorithm, backend):
+    """Also where that does not show in y, as it is elements that the masks leave closed that grow."""
+    if backend == "torch":
+        pytest.importorskip("torch")
+    result = solve(
+        scene.y, scene.masks, lambda x, sigma: gain * x, iterations=100, algorithm=algorithm, backend=backend
+    )  # fmt: skip
+    assert result.status is Status.DIVERGED
+    assert np.abs(result.x).max() < 3 * scene.truth.max()
+
+
+@pytest.mark.parametrize("algorithm", ["gap", "plain-gap", "admm"])
+def test_a_video_that_explains_nothing_has_not_converged(scene, algorithm):
+    result = solve(scene.y, scene.masks, lambda x, sigma: 0 * x, algorithm=algorithm)
+    assert result.status is not Status.CONVERGED
+    assert any("explains nothing" in remark for remark in result.remarks)
+
+
+def test_a_video_of_noise_alone_needs_to_explain_nothing(scene):
+    noise = np.random.default_rng(0).normal(0, 1, scene.y.shape)
+    result = solve(noise, scene.masks, lambda x, sigma: 0 * x, scene="full", noise=1.05)
+    assert result.status is Status.CONVERGED
+    assert not any("explains nothing" in remark for remark in result.remarks)
+
+
+def test_a_point_of_light_in_the_dark_is_no_failure(scene):
+    """It is a thousand times as bright as most of the picture, from whose level the units come."""
+    video = np.full_like(scene.truth, 0.01)
+    video[:, :, 30, 30] = 100
+    result = solve(pnp_sci.simulate(video, scene.masks), scene.masks, scene="full")
+    assert result.status.ok
+    assert result.x[0, :, 30, 30].max() > 10
+
+
 def test_a_prior_that_returns_nan_is_caught(scene):
     def spoiled(x, sigma):
         spoiled.calls += 1

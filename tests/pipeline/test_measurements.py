@@ -7,6 +7,7 @@ import pytest
 
 import pnp_sci
 from pnp_sci import Result, SceneModel, Status, datasets, solve
+from pnp_sci.errors import InputTypeError
 from pnp_sci.plugins import registry
 
 
@@ -44,6 +45,12 @@ def test_each_measurement_that_is_decoded_has_its_scene(scene, three, monkeypatc
         registry._registered["decoders"], "grey", lambda: lambda problem, scene: np.full(problem.op.shape, 0.5)
     )
     assert [len(pnp_sci.decode(y, scene.masks, "grey").scenes) for y in (three[0], three[:1], three)] == [1, 1, 3]
+
+
+@pytest.mark.parametrize("answer", [np.ones(3), np.ones((2, 2), bool)])
+def test_a_callback_that_returns_an_array(scene, answer):
+    with pytest.raises(InputTypeError, match="callback returns ndarray: None, True or False"):
+        solve(scene.y, scene.masks, callback=lambda state: answer, iterations=2)
 
 
 def test_callback_stops_and_sees_every_state(scene):

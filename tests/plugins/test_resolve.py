@@ -39,6 +39,34 @@ def test_what_stands_for_a_prior(thing, expected):
     assert pnp_sci.as_prior(prior) is prior
 
 
+@pytest.mark.parametrize(
+    ("prior", "option"),
+    [
+        ("tv", "isotropic"),
+        ("tv", "still"),
+        ("flow", "still"),
+        ("flow", "displace"),
+        ("desci", "motion"),
+        ("desci", "exact"),
+    ],
+)
+@pytest.mark.parametrize("value", ["no", "x", 1, None])
+def test_what_is_true_or_false_is_not_taken_by_its_truth_value(prior, option, value):
+    with pytest.raises(InputError, match=f"{option} is {value!r}: True or False"):
+        pnp_sci.as_prior(prior, **{option: value})
+    assert pnp_sci.as_prior(prior, **{option: np.False_}) == pnp_sci.as_prior(prior, **{option: False})
+
+
+@pytest.mark.parametrize(
+    ("prior", "option"),
+    [("tv", "strength"), ("wavelet", "strength"), ("wavelet", "levels"), ("flow", "tolerance"), ("desci", "beside")],
+)
+@pytest.mark.parametrize("value", ["2", None, [2]])
+def test_numbers_are_numbers(prior, option, value):
+    with pytest.raises(InputError, match=rf"{option} is .*: a .*(number|whole number).* was expected"):
+        pnp_sci.as_prior(prior, **{option: value})
+
+
 def test_options_reach_the_priors_that_take_them():
     assert pnp_sci.as_prior("tv+wavelet", strength=0.7, shifts=2) == Joint([TV(0.7), Wavelet(0.7, shifts=2)])
     assert pnp_sci.as_prior("wavelet", seed=5).seed == 5
@@ -46,7 +74,7 @@ def test_options_reach_the_priors_that_take_them():
         pnp_sci.as_prior("tv", shifts=2, side=3)
 
 
-@pytest.mark.parametrize("thing", [None, 3, TV, dict, len, [], [("tv",)], [3], lambda x: x, object()])
+@pytest.mark.parametrize("thing", [None, 3, TV, dict, len, [], [("tv",)], [3], ["tv", "ab"], lambda x: x, object()])
 def test_what_stands_for_none(thing):
     with pytest.raises(InputTypeError, match=r"prior is .* was expected"):
         pnp_sci.as_prior(thing)
@@ -94,6 +122,7 @@ def test_denoise_makes_no_use_of_the_warm_up():
         ({"x": np.ones((4, 4))}, r"x has shape \(4, 4\)"),
         ({"x": np.ones((1, 0, 4, 4))}, r"x has shape \(1, 0, 4, 4\)"),
         ({"x": np.ones((1, 1, 4, 4), complex)}, "x has dtype complex"),
+        ({"x": np.full((1, 1, 4, 4), np.nan)}, "x has 16 values that are NaN"),
         ({"sigma": -1}, "sigma is -1"),
         ({"sigma": float("nan")}, "sigma is nan"),
         ({"sigma": "loud"}, "sigma is 'loud'"),

@@ -71,5 +71,20 @@ def test_wrong_input_is_named(score):
         score(frame, frame.T)
     with pytest.raises(InputError, match="reference spans 0 to 255"):
         score(frame, np.linspace(0, 255, 20).reshape(4, 5))
+    with pytest.raises(InputTypeError, match="x is a masked array"):
+        score(np.ma.masked_equal(np.eye(20), 1), np.eye(20))
     with pytest.raises(InputTypeError, match="x has dtype complex128"):
         score(frame + 0j, frame)
+
+
+@pytest.mark.parametrize("dtype", [np.uint8, np.uint16])
+@pytest.mark.parametrize("score", [psnr, ssim])
+def test_the_types_say_what_is_white(score, dtype, pair):
+    most = np.iinfo(dtype).max
+    counts = [np.round(np.clip(video, 0, 1) * most).astype(dtype) for video in pair]
+    scaled = [video / most for video in counts]
+    assert score(*counts) == pytest.approx(score(*scaled))
+    for mixed in ((counts[0], scaled[1]), (scaled[0], counts[1])):
+        with pytest.raises(InputError, match=f"where white is .*{most}.*peak="):
+            score(*mixed)
+    assert score(counts[0].astype(float), counts[1], peak=most) == pytest.approx(score(*scaled))

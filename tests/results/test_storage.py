@@ -12,6 +12,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from made_result import RECORDS, make
 
+import pnp_sci
 from pnp_sci import io
 from pnp_sci.errors import FormatError, InputTypeError
 from pnp_sci.results.history import History, Status
@@ -48,6 +49,14 @@ def test_any_settings_that_json_holds_are_kept(tmp_path_factory, settings_):
         path = tmp_path_factory.getbasetemp() / f"any.{suffix}"
         make(settings=settings_).save(path)
         assert Result.load(path).settings == settings_
+
+
+@pytest.mark.parametrize("suffix", ["npz", "h5", "mat", "zarr"])
+def test_what_was_found_of_a_scene_comes_back_equal(tmp_path, suffix):
+    scene = pnp_sci.datasets.embedded_scene(32)
+    result = pnp_sci.solve(scene.y, scene.masks, iterations=2, scene=pnp_sci.SceneModel((True, False), (True, False)))
+    result.save(tmp_path / f"result.{suffix}")
+    assert Result.load(tmp_path / f"result.{suffix}").scenes == result.scenes
 
 
 def test_long_settings_fit_into_hdf5(tmp_path):
@@ -156,8 +165,8 @@ SENTENCES = {  # as version 0.1.0 wrote them
     "the residual grew: the best iterate before that is returned": "DIVERGED",
     "an iterate was not finite: the last finite one is returned": "NOT_FINITE",
 }
-STILL = {"views": [True, True], "still": True, "reason": "nothing moves", "frames_modelled": 2, "frames": 6}
-MOVING = {"views": [True, True], "still": False, "reason": "as asked for", "frames_modelled": 6, "frames": 6}
+STILL = {"views": (True, True), "still": True, "reason": "nothing moves", "frames_modelled": 2, "frames": 6}
+MOVING = {"views": (True, True), "still": False, "reason": "as asked for", "frames_modelled": 6, "frames": 6}
 
 
 def write_as_0_1_0(path, x, sentence, scene):

@@ -48,6 +48,28 @@ def test_impossible_masks_are_refused(make, shape, density):
         make(shape, density)
 
 
+@pytest.mark.parametrize("make", [random_masks, moving_masks])
+@pytest.mark.parametrize(
+    ("wrong", "message"),
+    [
+        ({"shape": (1, 2, 8.0, 8)}, "shape is .*whole numbers"),
+        ({"shape": 8}, "shape is 8"),
+        ({"seed": "x"}, "seed is 'x'"),
+        ({"seed": -1}, "seed is -1"),
+        ({"density": "half"}, "density is 'half'"),
+    ],
+)
+def test_arguments_that_cannot_be_used(make, wrong, message):
+    with pytest.raises(InputError, match=message):
+        make(**{"shape": (1, 2, 8, 8), **wrong})
+
+
+@pytest.mark.parametrize("wrong", [{"step": 1}, {"step": (0.5, 1)}, {"view_shift": (1, 2, 3)}])
+def test_shifts_are_two_whole_numbers(wrong):
+    with pytest.raises(InputError, match="two whole numbers"):
+        moving_masks((1, 2, 8, 8), **wrong)
+
+
 def test_condition_of_good_masks():
     report = condition(moving_masks((2, 10, 128, 128)))
     assert report.separable

@@ -7,7 +7,7 @@ from hypothesis import strategies as st
 
 import pnp_sci
 from pnp_sci.bench import Method, Source, compare
-from pnp_sci.errors import InputError
+from pnp_sci.errors import InputError, InputTypeError
 from pnp_sci.sensing.noise import estimate_noise
 from pnp_sci.sensing.sensor import Sensor
 
@@ -255,3 +255,20 @@ def test_methods_are_compared_with_the_camera_and_say_how_to_repeat_it(scene, tm
     assert eval(call, {"pnp_sci": pnp_sci}) == camera
     for words in ("--noise 0.05", "--gain 0.002", f"--full-scale {camera.full_scale}", "--bits 8"):
         assert words in trial.command
+
+
+@pytest.mark.parametrize(
+    ("change", "message"),
+    [
+        ({"op": np.ones((2, 4, 8, 8))}, "op is ndarray: a SensingOperator"),
+        ({"y": np.ones((8, 9))}, r"y has shape \(8, 9\)"),
+        ({"y": np.full((8, 8), np.nan)}, "y has 64 values that are NaN"),
+        ({"y": np.ma.masked_equal(np.eye(8), 1)}, "y is a masked array"),
+        ({"bad": np.ones((9, 9), bool)}, "bad has shape"),
+        ({"saturated": np.ones((9, 9), bool)}, "saturated has shape"),
+    ],
+)
+def test_the_estimate_of_noise_names_what_it_cannot_use(change, message):
+    arguments = {"op": pnp_sci.SensingOperator(np.ones((2, 4, 8, 8))), "y": np.ones((8, 8)), **change}
+    with pytest.raises((InputError, InputTypeError), match=message):
+        estimate_noise(**arguments)

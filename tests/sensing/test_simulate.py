@@ -2,7 +2,7 @@ import numpy as np
 import pytest
 
 from pnp_sci import io
-from pnp_sci.errors import InputError
+from pnp_sci.errors import InputError, InputTypeError
 from pnp_sci.masks import random_masks
 from pnp_sci.sensing.simulate import simulate
 
@@ -80,6 +80,11 @@ def test_video_from_a_file(video, masks, tmp_path):
         ({"bits": 0}, "bits is 0"),
         ({"bits": 8.5}, "bits is 8.5"),
         ({"peak": 0.0}, "peak is 0.0"),
+        ({"peak": "1"}, "peak is '1'"),
+        ({"bits": 8.0}, "bits is 8.0"),
+        ({"seed": -1}, "seed is -1"),
+        ({"seed": 1.5}, "seed is 1.5"),
+        ({"noise": 1e38}, "the measurement has .* infinite"),
     ],
 )
 def test_numbers_out_of_range(video, masks, wrong, message):
@@ -93,3 +98,10 @@ def test_shapes_that_differ_and_nan(video, masks):
     video[0, 0, 0, 0] = np.nan
     with pytest.raises(InputError, match="video has 1 value"):
         simulate(video, masks)
+
+
+def test_videos_that_are_no_array_of_numbers(video, masks):
+    with pytest.raises(InputTypeError, match="video is no array of numbers"):
+        simulate([[1], [1, 2]], masks)
+    with pytest.raises(InputTypeError, match="video is a masked array with 1 masked value"):
+        simulate(np.ma.masked_equal(video, video[0, 0, 0, 0]), masks)

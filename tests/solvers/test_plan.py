@@ -230,7 +230,7 @@ def test_the_noise_is_estimated_once_and_the_scene_judged_once(scene, monkeypatc
 
 def test_no_estimate_has_converged_before_the_last_prior_serves(scene):
     """Estimates that stay the same end a run, but not during the warm-up."""
-    still = solve(scene.y, scene.masks, answering(0), scene="full", algorithm="plain-gap")
+    still = solve(scene.y, scene.masks, answering(0.1), scene="full", algorithm="plain-gap")
     late = solve(scene.y, scene.masks, answering(0.1, warmup=(answering(0), 12)), scene="full", algorithm="plain-gap")
     assert len(still.history) <= 12
     assert len(late.history) > 12 + 5

@@ -12,7 +12,7 @@ from made_priors import Made
 from pnp_sci import SensingOperator, Status
 from pnp_sci.solvers.plan import make_plan
 from pnp_sci.solvers.state import State
-from pnp_sci.solvers.stopping import Guard, Stopping, relative_residual
+from pnp_sci.solvers.stopping import Guard, Stopping, held, relative_residual
 
 Y = np.ones((2, 2))
 
@@ -58,6 +58,36 @@ def test_the_guard_sees_a_residual_beyond_all_use():
     guard = Guard(1.0)
     assert guard.failure(state(1), 1.0) is None, "as much as an estimate of nothing leaves"
     assert guard.failure(state(1000), 1000.0) is Status.DIVERGED
+
+
+def test_the_guard_sees_an_estimate_larger_than_y_can_hold():
+    """It keeps none of those, however small their residual is."""
+    guard = Guard(most=2.0)
+    assert guard.failure(state(1), 1.0, 2.0) is None
+    assert guard.failure(state(1), 1.0, 200.0) is Status.DIVERGED
+    for n, (residual, size) in enumerate([(0.5, 1.0), (0.4, 2.0), (0.1, 3.0)]):
+        guard.keep(state(residual, n), residual, size)
+    assert guard.best is not None
+    assert guard.best.iteration == 1
+
+
+@pytest.mark.parametrize(
+    ("noise", "relative", "growth", "converges"),
+    [(0.0, 0.5, 1.0, True), (0.0, 0.99, 1.0, False), (1.0, 0.99, 1.0, True), (0.0, 0.5, 1.1, False)],
+)
+def test_what_explains_nothing_or_grows_has_not_converged(noise, relative, growth, converges):
+    stopping = Stopping(plan(), 2.0, noise)
+    found = [stopping.reason(state(0.5, n), 0.0, False, relative, growth**n) for n in range(30)]
+    assert (Status.CONVERGED in found) == converges
+
+
+@given(st.lists(st.floats(-10, 10), min_size=4, max_size=4))
+def test_what_y_can_hold(values):
+    """An x of 1 throughout, and the least-norm x that measures y."""
+    op = SensingOperator(np.random.default_rng(0).random((2, 3, 2, 2)) < 0.7)
+    y = np.reshape(values, (2, 2))
+    least = op.project(np.zeros(op.shape), y)
+    assert held(op, y) == pytest.approx(np.sqrt(op.masks.size + np.sum(least**2)), rel=1e-6)
 
 
 @given(st.integers(0, 9))
