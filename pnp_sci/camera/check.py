@@ -11,7 +11,8 @@ import numpy as np
 from pnp_sci.camera.code import Code
 from pnp_sci.camera.fit import Finding, Fit
 from pnp_sci.camera.frame_order import frame_order as order_of_frames
-from pnp_sci.camera.outliers import expected, outliers
+from pnp_sci.camera.groups import hot_groups
+from pnp_sci.camera.outliers import expected, negative, outliers
 from pnp_sci.camera.pile import pile
 from pnp_sci.camera.verdict import judge_code, shift_of, told
 from pnp_sci.errors import InputError
@@ -111,7 +112,7 @@ class Masks:
     """What all measurements through the same masks share."""
 
     def __init__(self, op: SensingOperator):
-        masks = op.masks
+        self.masks = masks = op.masks
         self.sums = masks.sum(1, dtype=np.float32)
         self.signed = masks.dtype != np.uint8 and bool(masks.min() < 0)
         self.weight = np.abs(masks).sum((0, 1), dtype=np.float32) if self.signed else self.sums.sum(0)
@@ -126,28 +127,36 @@ class Masks:
             return Fit(None, None, 0.0, nothing, nothing, self.missing, "y is 0 everywhere")
         scaled = (y / height).astype(np.float32)
         good = np.ones(y.shape, bool) if bad is None else ~bad
-        hot, dead = self._outliers(scaled, good)
-        findings = [*self.missing, *(_unlike(scaled, self.weight, hot, dead, good) if warn_of_bad else ())]
-        good &= ~hot & ~dead
         saturated = sensor.saturated(y)
-        heap = pile(scaled[good], self.weight[good]) if good.any() else None
+        known = nothing if saturated is None else saturated
+        hot, dead = self._outliers(scaled, good)
+        left = good & ~hot & ~dead
+        heap = pile(scaled[left], self.weight[left])
+        if not self.signed:
+            piled = nothing if heap is None else scaled >= heap[0]
+            groups = hot_groups(scaled, self.masks, good & ~dead & ~known & ~piled)
+            if groups.any():
+                hot, left = hot | groups, left & ~groups
+                heap = pile(scaled[left], self.weight[left])
+        findings = [*self.missing, *(_unlike(scaled, self.weight, hot, dead, good) if warn_of_bad else ())]
+        good = left
         findings += _beyond(float(y[good].max(initial=0)), sensor)
         if heap is not None:
             findings += _saturation(y, heap[0] * height, heap[1] * height, sensor, saturated)
-        clipped = nothing if saturated is None else saturated
-        clipped = clipped if heap is None else clipped | (scaled >= heap[0])
+        clipped = known if heap is None else known | (scaled >= heap[0])
         return self._by_code(scaled * good, good, clipped, height, findings, hot, dead, heap)
 
     def _outliers(self, y: np.ndarray, good: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Hot and dead pixels; where views differ in brightness, each weighs as it is bright."""
+        below = np.zeros(y.shape, bool) if self.signed else negative(y, good)
+        good = good & ~below
         hot, dead = outliers(y, self.weight, good)
-        if len(self.sums) == 1 or self.signed or not (hot.any() or dead.any()):
-            return hot, dead
-        code = Code(self.sums, good & ~hot & ~dead)
-        if not code.present:
-            return hot, dead
-        levels = np.maximum(code.match(y * code.good).level.value, 0)
-        return outliers(y, np.einsum("v,vhw->hw", levels.astype(np.float32), self.sums), good)
+        if len(self.sums) > 1 and not self.signed and (hot.any() or dead.any()):
+            code = Code(self.sums, good & ~hot & ~dead)
+            if code.present:
+                levels = np.maximum(code.match(y * code.good).level.value, 0)
+                hot, dead = outliers(y, np.einsum("v,vhw->hw", levels.astype(np.float32), self.sums), good)
+        return hot, dead | below
 
     def _by_code(self, y, good, clipped, height, findings, hot, dead, heap) -> Fit:
         """The fit, with what the code says; a pile would weaken it, so that its blocks are left out."""
@@ -240,5 +249,5 @@ def _saturation(y, low, top, sensor, saturated) -> list[Finding]:
         else f"near its largest value, from {low:.7g} to {top:.7g}"
     )
     stated = "" if sensor.full_scale is None else f", not {sensor.full_scale:.7g}"
-    hint = f"if the camera was saturated there, use noise=pnp_sci.Sensor(full_scale={low:.7g}){stated}"
+    hint = f"if the camera was saturated there, use noise=pnp_sci.Sensor(full_scale={low:.7g}){stated}; give hot pixels as bad="
     return [Finding("saturation", f"y has many pixels {where}", hint)]
