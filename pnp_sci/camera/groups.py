@@ -36,8 +36,8 @@ def hot_groups(y: np.ndarray, masks: np.ndarray, usable: np.ndarray) -> np.ndarr
     bright = usable & (y > SHARP * level) & (level > 0)
     if bright.sum() < FEWEST:
         return hot
-    labels, count = label(bright, np.ones((3, 3)))
-    numbers = np.arange(1, count + 1)
+    labels = np.asarray(label(bright, np.ones((3, 3)))[0])  # type: ignore[index]
+    numbers = np.arange(1, labels.max() + 1)
     around = maximum_filter(np.where(bright, 0, y), 5)
     sharp = minimum(y, labels, numbers) > SHARP * maximum(around, labels, numbers)
     for number in numbers[sharp & (np.bincount(labels.flat)[1:] >= FEWEST)]:
