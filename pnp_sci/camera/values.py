@@ -55,8 +55,8 @@ def saturation(y, low, top, sensor, saturated) -> list[Finding]:
         else f"near its largest value, from {low:.7g} to {top:.7g}"
     )
     stated = "" if sensor.full_scale is None else f", not {sensor.full_scale:.7g}"
-    hint = f"if the camera was saturated there, use noise=pnp_sci.Sensor(full_scale={low:.7g}){stated}"
-    hint += "; if these pixels are hot, give them as bad="
+    use = f"use noise=pnp_sci.Sensor(full_scale={low:.7g}){stated}"
+    hint = f"give hot pixels as bad=; if the camera was saturated there, {use}"
     return [Finding("saturation", f"y has many pixels {where}", hint)]
 
 
