@@ -11,17 +11,15 @@ import numpy as np
 from pnp_sci.camera.code import Code
 from pnp_sci.camera.fit import Finding, Fit
 from pnp_sci.camera.frame_order import frame_order as order_of_frames
-from pnp_sci.camera.outliers import expected, outliers
+from pnp_sci.camera.groups import hot_groups
+from pnp_sci.camera.outliers import negative, outliers
 from pnp_sci.camera.pile import pile
+from pnp_sci.camera.values import beyond, centred, loud, saturation, sign, unlike
 from pnp_sci.camera.verdict import judge_code, shift_of, told
 from pnp_sci.errors import InputError
 from pnp_sci.sensing.operator import SensingOperator
 from pnp_sci.sensing.problem import check_bad, check_measurement, check_noise, check_operators
 from pnp_sci.sensing.sensor import Sensor
-
-MOST = 0.9  # of the pixels of a pile: if so many are known to be saturated, the full scale is right
-BEYOND = 1.5  # of the full scale: values that are larger have other units
-HARMFUL = {"hot": 1e-2, "dead": 2e-3}  # of the energy of y: outliers of that much are worth a warning
 
 
 def check_fit(y: Any, masks: Any, *, noise: Any = "auto", bad: Any = None, frame_order: bool = False) -> Any:
@@ -111,12 +109,13 @@ class Masks:
     """What all measurements through the same masks share."""
 
     def __init__(self, op: SensingOperator):
-        masks = op.masks
+        self.masks = masks = op.masks
         self.sums = masks.sum(1, dtype=np.float32)
         self.signed = masks.dtype != np.uint8 and bool(masks.min() < 0)
         self.weight = np.abs(masks).sum((0, 1), dtype=np.float32) if self.signed else self.sums.sum(0)
         self.code = Code(self.sums)
-        self.missing = _missing(np.asarray(masks.any((2, 3))))
+        self.negative = float(np.mean(self.sums.sum(0) < 0))
+        self.missing = (*_missing(np.asarray(masks.any((2, 3)))), *_static(masks))
 
     def fit(self, y: np.ndarray, sensor: Sensor, bad: np.ndarray | None, warn_of_bad: bool) -> Fit:
         """How y (H, W) fits; `bad` pixels (H, W) must be 0 in it."""
@@ -126,28 +125,38 @@ class Masks:
             return Fit(None, None, 0.0, nothing, nothing, self.missing, "y is 0 everywhere")
         scaled = (y / height).astype(np.float32)
         good = np.ones(y.shape, bool) if bad is None else ~bad
-        hot, dead = self._outliers(scaled, good)
-        findings = [*self.missing, *(_unlike(scaled, self.weight, hot, dead, good) if warn_of_bad else ())]
-        good &= ~hot & ~dead
         saturated = sensor.saturated(y)
-        heap = pile(scaled[good], self.weight[good]) if good.any() else None
-        findings += _beyond(float(y[good].max(initial=0)), sensor)
+        known = nothing if saturated is None else saturated
+        hot, dead = self._outliers(scaled, good)
+        left = good & ~hot & ~dead
+        heap = pile(scaled[left], self.weight[left])
+        if not self.signed:
+            piled = nothing if heap is None else scaled >= heap[0]
+            groups = hot_groups(scaled, self.masks, good & ~dead & ~known & ~piled)
+            if groups.any():
+                hot, left = hot | groups, left & ~groups
+                heap = pile(scaled[left], self.weight[left])
+        findings = [*self.missing, *(unlike(scaled, self.weight, hot, dead, good) if warn_of_bad else ())]
+        clipped = known if heap is None else known | (scaled >= heap[0])
+        findings += [*beyond(float(y[left].max(initial=0)), sensor), *loud(y[left & ~clipped], sensor)]
         if heap is not None:
-            findings += _saturation(y, heap[0] * height, heap[1] * height, sensor, saturated)
-        clipped = nothing if saturated is None else saturated
-        clipped = clipped if heap is None else clipped | (scaled >= heap[0])
+            findings += saturation(y, heap[0] * height, heap[1] * height, sensor, saturated)
+        if below := centred(y[left], self.negative) if self.signed else sign(y[good], y[left]):
+            return Fit(None, None, 0.0, nothing, nothing, (*self.missing, *below))
+        good = left
         return self._by_code(scaled * good, good, clipped, height, findings, hot, dead, heap)
 
     def _outliers(self, y: np.ndarray, good: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Hot and dead pixels; where views differ in brightness, each weighs as it is bright."""
+        below = np.zeros(y.shape, bool) if self.signed else negative(y, good)
+        good = good & ~below
         hot, dead = outliers(y, self.weight, good)
-        if len(self.sums) == 1 or self.signed or not (hot.any() or dead.any()):
-            return hot, dead
-        code = Code(self.sums, good & ~hot & ~dead)
-        if not code.present:
-            return hot, dead
-        levels = np.maximum(code.match(y * code.good).level.value, 0)
-        return outliers(y, np.einsum("v,vhw->hw", levels.astype(np.float32), self.sums), good)
+        if len(self.sums) > 1 and not self.signed and (hot.any() or dead.any()):
+            code = Code(self.sums, good & ~hot & ~dead)
+            if code.present:
+                levels = np.maximum(code.match(y * code.good).level.value, 0)
+                hot, dead = outliers(y, np.einsum("v,vhw->hw", levels.astype(np.float32), self.sums), good)
+        return hot, dead | below
 
     def _by_code(self, y, good, clipped, height, findings, hot, dead, heap) -> Fit:
         """The fit, with what the code says; a pile would weaken it, so that its blocks are left out."""
@@ -183,6 +192,7 @@ class Masks:
 
 
 OTHERS = {"arrangement", "inverted", "no code"}  # findings of masks that are not those of the measurement
+SAME = 1e-3  # of the largest value: masks that differ less code nothing
 LEVELS = {"black level", "contrast", "sharpness"}  # findings that saturation also causes
 
 
@@ -204,41 +214,15 @@ def _missing(present: np.ndarray) -> tuple[Finding, ...]:
     return (Finding("missing", f"masks are all 0 in {lost}", "parts of their file may be missing"),)
 
 
-def _unlike(y, weight, hot, dead, good) -> list[Finding]:
-    """The findings of hot and dead pixels, if they are more than a certain part of the energy of y."""
-    if not (hot.any() or dead.any()):
-        return []
-    others = good & ~hot & ~dead
-    level = expected(y, weight, others)
-    light = float(np.sum(np.square(y), where=others))
-    hint = 'bad="auto" leaves them out, or bad= a picture of the bad pixels'
-    found = []
-    for kind, where, how in (("hot", hot, "much brighter"), ("dead", dead, "much darker")):
-        if float(np.sum(np.square(y - level), where=where)) > HARMFUL[kind] * light:
-            count = int(where.sum())
-            text = f"{count} pixel{'s are' if count > 1 else ' is'} {how} than masks and neighbours allow"
-            found.append(Finding(kind, text, hint))
-    return found
-
-
-def _beyond(top: float, sensor: Sensor) -> list[Finding]:
-    """The finding of values far above the full scale; a dark frame that was subtracted may leave them a bit above."""
-    if sensor.full_scale is None or top <= BEYOND * sensor.full_scale:
-        return []
-    hint = "give full_scale in the units of y"
-    return [Finding("saturation", f"y reaches {top:.7g}, but the full scale is {sensor.full_scale:.7g}", hint)]
-
-
-def _saturation(y, low, top, sensor, saturated) -> list[Finding]:
-    """The finding of a pile from `low` to `top` that the sensor does not take for saturated."""
-    there = y >= low
-    if saturated is not None and np.count_nonzero(saturated & there) >= MOST * np.count_nonzero(there):
-        return []
-    where = (
-        f"at exactly its largest value, {top:.7g}"
-        if low == top
-        else f"near its largest value, from {low:.7g} to {top:.7g}"
-    )
-    stated = "" if sensor.full_scale is None else f", not {sensor.full_scale:.7g}"
-    hint = f"if the camera was saturated there, use noise=pnp_sci.Sensor(full_scale={low:.7g}){stated}"
-    return [Finding("saturation", f"y has many pixels {where}", hint)]
+def _static(masks: np.ndarray) -> tuple[Finding, ...]:
+    """The finding of views whose masks (V, B, H, W) are the same in all frames."""
+    least = SAME * float(max(-masks.min(), masks.max()))
+    same = [
+        str(v)
+        for v, (first, *others) in enumerate(masks, 1)
+        if others and first.any() and all(np.ptp((first, other), axis=0).max() <= least for other in others)
+    ]
+    if not same:
+        return ()
+    text = f"masks of view {', '.join(same)} are the same in all frames"
+    return (Finding("static", text, "its frames cannot be told apart; see pnp_sci.condition(masks)"),)

@@ -32,6 +32,9 @@ class Match:
     ----------
     follows, error : float
         Light that follows the code over the mean light, 1 for masks that fit, and its standard error.
+    light, light_error : float
+        The inverse: mean light over the light that follows the code, and its standard error. They tell more where too
+        much has been subtracted from y, so that its mean is small.
     share : float
         Part of the variance of the fine detail of y that the masks explain.
     contrast : float
@@ -48,6 +51,8 @@ class Match:
 
     follows: float
     error: float
+    light: float
+    light_error: float
     share: float
     contrast: float
     level: Estimate
@@ -126,11 +131,13 @@ class Code:
         predicted = np.einsum("v,vhw->hw", levels.astype(np.float32), self.detail)
         left_over = detail - predicted
         explained, total = float(levels @ products.sum(1)), float(np.einsum("hw,hw->", detail, detail))
-        follows, error = self._follows(products, self.in_blocks(y * self.used)[self.blocks])
+        follows, error, light, light_error = self._follows(products, self.in_blocks(y * self.used)[self.blocks])
         rows, columns = (self._beside(_slope(predicted, axis), left_over, explained) for axis in (0, 1))
         return Match(
             follows,
             error,
+            light,
+            light_error,
             explained / total if total else 0.0,
             total / max(self._least(mean), 1e-30),
             self._level(levels, left_over),
@@ -139,8 +146,8 @@ class Code:
             self._lag(detail, predicted, explained),
         )
 
-    def _follows(self, products: np.ndarray, light: np.ndarray) -> tuple[float, float]:
-        """The part of the light that follows the code, from the products and sums of y in each block.
+    def _follows(self, products: np.ndarray, light: np.ndarray) -> tuple[float, float, float, float]:
+        """The part of the light that follows the code, its error and their inverse, from sums over each block.
 
         The filter ``w = sum over v of mean(S_v) (A^-1 s)_v``, with A the products of the details s, passes what follows
         the sums S, so that ``n sum(w y)`` is the sum of y unless y holds what the masks do not explain.
@@ -148,10 +155,10 @@ class Code:
         pixels = float(self.used.sum())
         means = np.einsum("vhw,hw->v", self.sums, self.used).astype(np.float64) / pixels
         coded = pixels * (means @ self.inverse @ products)
+        inverse = _ratio(light, coded) if (self.sums >= 0).all() else (0.0, float("inf"))
         if abs(light.sum()) <= np.abs(light).sum() / 2:  # masks that cancel each other: there is no mean light
-            return 0.0, float("inf")
-        follows = coded.sum() / light.sum()
-        return float(follows), float(_error(coded - follows * light) / abs(light.sum()))
+            return 0.0, float("inf"), *inverse
+        return *_ratio(coded, light), *inverse
 
     def _least(self, mean: np.ndarray) -> float:
         """Energy of the code if all views were equally bright: more light in one of them leaves more."""
@@ -203,6 +210,12 @@ def _error(blocks: np.ndarray) -> np.ndarray:
     """Standard error of the sum over blocks, (...), from their squares: blocks may differ in variance."""
     count = blocks.shape[-1]
     return np.sqrt(np.square(blocks).sum(-1) * count / max(count - 1, 1))
+
+
+def _ratio(over: np.ndarray, under: np.ndarray) -> tuple[float, float]:
+    """The ratio of the sums over blocks (K,), and its standard error."""
+    ratio = over.sum() / under.sum()
+    return float(ratio), float(_error(over - ratio * under) / abs(under.sum()))
 
 
 def _slope(picture: np.ndarray, axis: int) -> np.ndarray:

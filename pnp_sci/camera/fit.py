@@ -15,8 +15,8 @@ class Finding:
     Attributes
     ----------
     kind : str
-        "shift", "arrangement", "inverted", "no code", "black level", "sharpness", "contrast", "saturation", "hot",
-        "dead", "missing" or "frame order".
+        "shift", "arrangement", "inverted", "no code", "black level", "sharpness", "contrast", "saturation", "sign",
+        "noise", "hot", "dead", "missing", "static" or "frame order".
     text : str
         What is seen.
     hint : str

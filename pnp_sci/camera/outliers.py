@@ -10,6 +10,8 @@ TAIL = 0.02  # part of the pixels, those that stand out most, from which the tai
 FEWEST = 50  # pixels in the tail, at least
 PASSES = 4
 LEAST = 1.5  # ratio to neighbours within two pixels, more for others: smaller ones harm no more than texture does
+NOISE = 6.0  # median steps from pixel to pixel, about as many standard deviations of noise: it makes no darker pixels
+FEW = 0.1  # of the pixels: more that are negative are no outliers
 BY_CHANCE = 0.01  # good pixels of a picture that are taken for outliers, on average
 
 
@@ -40,7 +42,19 @@ def outliers(y: np.ndarray, weight: np.ndarray, good: np.ndarray | None = None) 
         hot, dead = hot | new_hot, dead | new_dead
         if not (new_hot.any() or new_dead.any()):
             break
-    return hot, dead | _zero(y, weight, usable & ~hot & ~dead)
+    left = usable & ~hot & ~dead
+    for value in {0.0, float(y[left].min(initial=0))}:  # no light, and what a file has where there are no data
+        dead |= _stuck(y, weight, left, value)
+    return hot, dead
+
+
+def negative(y: np.ndarray, usable: np.ndarray) -> np.ndarray:
+    """Usable pixels of y (H, W) that are more negative than noise about 0 allows, if they are few."""
+    steps = [np.abs(np.diff(y, axis=a))[np.delete(usable, 0, a) & np.delete(usable, -1, a)] for a in (0, 1)]
+    spread = max((float(np.median(step)) for step in steps if step.size), default=0.0)
+    light = np.median(np.abs(y[usable])) if usable.any() else 0.0
+    below = usable & (y < -(light + NOISE * spread))
+    return below & (below.sum() < FEW * usable.sum())
 
 
 def _beyond(y: np.ndarray, weight: np.ndarray, usable: np.ndarray, sign: int) -> np.ndarray:
@@ -74,16 +88,21 @@ def beyond_tail(values: np.ndarray, count: int, by_chance: float = BY_CHANCE) ->
     return float(tail[0] + fall * np.log(count / by_chance))
 
 
-def _zero(y: np.ndarray, weight: np.ndarray, usable: np.ndarray) -> np.ndarray:
-    """Usable pixels that are exactly 0 where more is expected than in any other pixel that is about as dark."""
+def _stuck(y: np.ndarray, weight: np.ndarray, usable: np.ndarray, value: float) -> np.ndarray:
+    """Usable pixels that are exactly `value` where more is expected than in any other pixel that is about as dark.
+
+    Negative values are no light that happens to be equal: if most of several such pixels are found, all of them are.
+    """
     usable = usable & (weight > 0)
-    others = usable & (y != 0)
-    zero = usable & (y == 0)
-    if not zero.any() or not others.any() or np.mean(y[others] < 0) > 0.1:  # about 0, it is a value like others
+    others, stuck = usable & (y != value), usable & (y == value)
+    if (
+        stuck.sum() <= (value < 0) or not others.any() or np.mean(y[others] < 0) > FEW
+    ):  # about 0, it is a value like others
         return np.zeros(y.shape, bool)
     light, size = expected(y, weight, others), np.abs(y)
     dark = others & (size <= np.quantile(size[others], TAIL / 2))
-    return zero & (light > light[dark].max() * _reach(usable) / 2)
+    found = stuck & (light > light[dark].max() * _reach(usable) / 2)
+    return stuck if value < 0 and 2 * found.sum() > stuck.sum() else found
 
 
 def expected(y: np.ndarray, weight: np.ndarray, usable: np.ndarray) -> np.ndarray:

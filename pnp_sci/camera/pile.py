@@ -26,7 +26,7 @@ def pile(y: np.ndarray, weight: np.ndarray) -> tuple[float, float] | None:
     True
     """
     values = np.sort(y, None)
-    top, count = float(values[-1]), values.size
+    top, count = float(values[-1]) if values.size else 0.0, values.size
     best, found = 0.0, None  # a wider interval is taken if it holds a tenth more
     for width in WIDTHS if top > 0 else ():
         low, lower = top * (1 - float(width)), top * (1 - (2 * width or NEAR))

@@ -41,10 +41,11 @@ def judge_code(code: Code, y: np.ndarray, match: Match) -> list[Finding]:
         text = f"masks moved by about {size} pixels, in rows and columns, explain more of y"
         return [Finding("shift", text, REGISTER)]
     if match.error >= TELLS:
-        negative = match.level.errors > SURELY and max(match.level.value, key=abs) < 0
-        return (
-            [_inverted()] if negative else [] if match.level.errors > SURELY else _others(code, y, match, certain=False)
-        )
+        if match.level.errors <= SURELY:
+            return _others(code, y, match, certain=False)
+        if max(match.level.value, key=abs) < 0:
+            return [_inverted()]
+        return [_subtracted(match)] if match.light + LIKELY * match.light_error < 1 - TENTH else []
     if match.follows + SURELY * match.error < 0 and match.share > MATERIAL:
         return [_inverted()]
     if match.follows + LIKELY * match.error < HALF:
@@ -88,10 +89,22 @@ def _sharpness(match: Match) -> Finding:
 
 def _black(match: Match) -> Finding:
     text = f"{1 - match.follows:.0%} of the light in y does not follow the masks"
-    return Finding("black level", text, "subtract the black level of the camera, or stray light, from y")
+    hint = "subtract the black level of the camera, or stray light, from y; or some masks are missing or wrong"
+    levels = match.level.value
+    unseen = [str(v) for v, level in enumerate(levels, 1) if level < FIFTH * max(levels)]
+    if unseen and match.level.errors > SURELY:
+        text += f", and none follows those of view {', '.join(unseen)}"
+        hint = f"masks of a view may be wrong or moved: {REGISTER}; or the view is dark, and y has a black level"
+    return Finding("black level", text, hint)
 
 
 def _contrast(match: Match) -> Finding:
     text = f"the code in y is {match.follows:.2f} times as strong as the masks say"
     hint = "too much may have been subtracted from y, or the masks' own black level has not been subtracted"
+    return Finding("contrast", text, hint)
+
+
+def _subtracted(match: Match) -> Finding:
+    text = f"the mean of y is {round(100 * match.light)}% of the light that follows the masks"
+    hint = "too much has been subtracted from y; give it as recorded, or let register=True estimate the black level"
     return Finding("contrast", text, hint)

@@ -106,6 +106,86 @@ def test_the_black_level_is_measured(scene, part, density):
     assert part < 0 or fit.black_level == pytest.approx(offset, abs=0.06 * float(clean.mean()))
 
 
+@pytest.mark.parametrize("part", [0.5, 0.6, 0.8, 1.0, 1.2])
+@pytest.mark.parametrize("noise", [0.01, 0.1])
+@pytest.mark.parametrize("views", [1, 2])
+def test_too_much_that_was_subtracted_is_noticed_however_much(scene, part, noise, views):
+    masks = scene.masks[:views]
+    y = simulate(scene.truth[:views], masks, noise)
+    fit = check_fit(y - part * y.mean(), masks)
+    assert [finding.kind for finding in fit.findings] == ["contrast"]
+    assert "subtracted" in fit.warnings[0]
+    assert not str(fit).startswith("Fit of masks and measurement: good")
+
+
+WRONG_SIGNS = {
+    "of the other sign": (lambda y: -y, "sign may be wrong"),
+    "far below 0": (lambda y: y - 2 * y.mean(), "too much may be subtracted"),
+    "uint16 as int16": (
+        lambda y: (y * 40000 / y.max()).astype(np.uint16).view(np.int16),
+        "as int16; read them as uint16",
+    ),
+    "uint8 as int8": (lambda y: (y * 200 / y.max()).astype(np.uint8).view(np.int8), "as int8; read them as uint8"),
+}
+
+
+@pytest.mark.parametrize("name", WRONG_SIGNS)
+@pytest.mark.parametrize("noise", [0.001, 0.05])
+@pytest.mark.parametrize("views", [1, 2])
+def test_negative_measurements_are_noticed(scene, name, noise, views):
+    change, told = WRONG_SIGNS[name]
+    masks = random_masks((views, 10, 128, 128), seed=3)
+    y = np.maximum(simulate(scene.truth[:views], masks, noise), 0)
+    fit = check_fit(change(y), masks)
+    assert [finding.kind for finding in fit.findings] == ["sign"]
+    assert told in fit.warnings[0]
+
+
+@pytest.mark.parametrize("noise", [0, 0.005])
+@pytest.mark.parametrize("views", [1, 2])
+def test_centred_masks_are_noticed(scene, noise, views):
+    masks = random_masks((views, 10, 128, 128), seed=3).astype("f4")
+    y = simulate(scene.truth[:views], masks, noise)
+    for centred in (2 * masks - 1, (masks - masks.mean()) / masks.std()):
+        (warning,) = check_fit(y, centred).warnings
+        assert "centred" in warning
+
+
+def test_masks_that_do_not_change_are_noticed(scene):
+    one = random_masks((1, 1, 128, 128))
+    for masks in (np.ones((1, 8, 128, 128)), np.repeat(one, 8, 1)):
+        assert kinds(simulate(scene.truth[:1, :8], masks), masks) == ["static"]
+    two = np.concatenate([random_masks((1, 8, 128, 128), seed=2), np.repeat(one, 8, 1)])
+    (warning,) = check_fit(simulate(scene.truth[:, :8], two), two).warnings
+    assert "view 2" in warning
+    assert kinds(simulate(scene.truth[:1, :1], one), one) == []
+
+
+def test_the_view_whose_masks_are_wrong_is_named(scene):
+    masks = scene.masks.copy()
+    masks[1] = np.roll(masks[1], 2, -1)
+    (warning,) = check_fit(scene.y, masks).warnings
+    assert "of view 2" in warning
+    assert "register" in warning
+
+
+@pytest.mark.parametrize(
+    "noise", [25.0, 1e9, pnp_sci.Sensor(read_noise=0.05, gain=1000), pnp_sci.Sensor(read_noise=90)]
+)
+def test_noise_that_y_cannot_hold_is_noticed(scene, noise):
+    assert kinds(scene.y, scene.masks, noise=noise) == ["noise"]
+
+
+def test_noise_that_y_holds_is_none(scene):
+    noise = np.random.default_rng(0).standard_normal(scene.y.shape)
+    for sigma in (0.01, 1.0, 100.0):
+        assert kinds(sigma * noise, scene.masks, noise=sigma) == []
+        assert "noise" not in kinds(np.maximum(sigma * noise, 0), scene.masks, noise=sigma)
+    dim = pnp_sci.Sensor(read_noise=0.0, gain=1.0)
+    for light in (0.001, 0.1, 10):
+        assert "noise" not in kinds(dim.expose(light * scene.y), scene.masks, noise=dim)
+
+
 def test_follows_is_unbiased_within_its_standard_error(scene):
     """Over many masks the deviation from 1 is as large as the standard error says, or smaller."""
     fits = []

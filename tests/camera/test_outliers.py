@@ -4,7 +4,8 @@ import numpy as np
 import pytest
 from scipy.ndimage import gaussian_filter
 
-from pnp_sci import check_fit, datasets, random_masks, simulate
+from pnp_sci import check_fit, datasets, moving_masks, random_masks, simulate
+from pnp_sci.camera.groups import hot_groups
 
 
 @pytest.fixture(scope="module")
@@ -55,3 +56,56 @@ def test_a_view_that_is_dark_makes_no_outliers():
     fit = check_fit(simulate(film, masks), masks)
     assert fit.ok
     assert fit.bad.sum() <= 1
+
+
+@pytest.mark.parametrize("value", [-1, -100, -999, -32768])
+@pytest.mark.parametrize("noise", [0, 0.01])
+@pytest.mark.parametrize("part", [0.0003, 0.01, 0.08])
+def test_values_that_stand_for_no_data_are_found(scene, value, noise, part):
+    y = simulate(scene.truth, scene.masks, noise, seed=1)
+    lost = np.random.default_rng(0).random(y.shape) < part
+    fit = check_fit(np.where(lost, np.float32(value), y), scene.masks)
+    assert not (fit.bad & ~lost).any()
+    assert (fit.dead & lost).sum() >= 0.99 * lost.sum() - 1
+    assert [finding.kind for finding in fit.findings] == ["dead"] * (part > 0.001 or value < -1)
+
+
+@pytest.mark.parametrize("noise", [0.02, 0.1, 0.5])
+def test_noise_about_zero_makes_no_dead_pixels(scene, noise):
+    dark = np.clip(scene.truth - 0.7, 0, None)
+    for masks in (scene.masks, random_masks(scene.masks.shape, 0.1)):
+        y = simulate(dark, masks, noise, seed=1)
+        assert not check_fit(y, masks).bad.any()
+        assert check_fit(np.round(y * 50), masks).bad.sum() <= 1
+
+
+GROUPS = {
+    "two columns": (slice(None), slice(30, 32)),
+    "a row": (slice(77, 78), slice(None)),
+    "a part of a column": (slice(40, 60), slice(50, 51)),
+    "a block": (slice(60, 64), slice(60, 64)),
+}
+
+
+@pytest.mark.parametrize("name", GROUPS)
+@pytest.mark.parametrize("views", [1, 2])
+def test_groups_of_hot_pixels_are_found(scene, name, views):
+    masks = scene.masks[:views]
+    y = simulate(scene.truth[:views], masks, 0.005)
+    hot = np.zeros(y.shape, bool)
+    hot[GROUPS[name]] = True
+    fit = check_fit(np.where(hot, y.max() * np.random.default_rng(1).uniform(3, 4, y.shape), y), masks)
+    assert np.array_equal(fit.hot, hot)
+
+
+@pytest.mark.parametrize("name", GROUPS)
+@pytest.mark.parametrize("make", [random_masks, moving_masks])
+@pytest.mark.parametrize("frames", [slice(None), slice(3, 4), slice(3, 6)])
+def test_sharp_bright_light_makes_no_hot_groups(scene, name, make, frames):
+    """A slit or a spot, in all frames or as a flash in some of them, 10 times as bright as the scene."""
+    masks = make((2, 10, 128, 128), 0.7, seed=2)
+    film = scene.truth.copy()
+    film[(0, frames, *GROUPS[name])] += 10
+    y = simulate(film, masks, 0.005)
+    for seen in (y, np.minimum(y, 0.4 * y.max())):  # also by a camera that is saturated
+        assert not hot_groups(seen, masks, np.ones(y.shape, bool)).any()

@@ -1,0 +1,94 @@
+"""What the values of a measurement say, without the code of the masks."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from pnp_sci.camera.fit import Finding
+from pnp_sci.camera.outliers import expected
+from pnp_sci.sensing.sensor import Sensor
+
+MOST = 0.9  # of the pixels of a pile: if so many are known to be saturated, the full scale is right
+BEYOND = 1.5  # of the full scale: values that are larger have other units
+HARMFUL = {"hot": 1e-2, "dead": 2e-3}  # of the energy of y: outliers of that much are worth a warning
+LOUD = 3.0  # standard deviations of y: noise above that is impossible, also where y is clipped at 0
+BELOW = 0.5  # standard deviations of y: so far below 0 no mean of noise is
+NOISE = 0.01  # of the sum of magnitudes: so much is negative by noise, much more of light through masks about 0
+CENTRED = 0.1  # of the pixels: of masks about 0, more have a negative sum
+SIGNED = {"uint8": 2**7, "uint16": 2**15}  # values from which on unsigned data are negative if they are read as signed
+NEAR = 0.97  # of the largest signed value: unsigned data above it reach that
+
+
+def unlike(y, weight, hot, dead, good) -> list[Finding]:
+    """The findings of hot and dead pixels, if they are more than a certain part of the energy of y."""
+    if not (hot.any() or dead.any()):
+        return []
+    others = good & ~hot & ~dead
+    level = expected(y, weight, others)
+    light = float(np.sum(np.square(y), where=others))
+    hint = 'bad="auto" leaves them out, or bad= a picture of the bad pixels'
+    found = []
+    for kind, where, how in (("hot", hot, "much brighter"), ("dead", dead, "much darker")):
+        if float(np.sum(np.square(y - level), where=where)) > HARMFUL[kind] * light:
+            count = int(where.sum())
+            text = f"{count} pixel{'s are' if count > 1 else ' is'} {how} than masks and neighbours allow"
+            found.append(Finding(kind, text, hint))
+    return found
+
+
+def beyond(top: float, sensor: Sensor) -> list[Finding]:
+    """The finding of values far above the full scale; a dark frame that was subtracted may leave them a bit above."""
+    if sensor.full_scale is None or top <= BEYOND * sensor.full_scale:
+        return []
+    hint = "give full_scale in the units of y"
+    return [Finding("saturation", f"y reaches {top:.7g}, but the full scale is {sensor.full_scale:.7g}", hint)]
+
+
+def saturation(y, low, top, sensor, saturated) -> list[Finding]:
+    """The finding of a pile from `low` to `top` that the sensor does not take for saturated."""
+    there = y >= low
+    if saturated is not None and np.count_nonzero(saturated & there) >= MOST * np.count_nonzero(there):
+        return []
+    where = (
+        f"at exactly its largest value, {top:.7g}"
+        if low == top
+        else f"near its largest value, from {low:.7g} to {top:.7g}"
+    )
+    stated = "" if sensor.full_scale is None else f", not {sensor.full_scale:.7g}"
+    use = f"use noise=pnp_sci.Sensor(full_scale={low:.7g}){stated}"
+    hint = f"give hot pixels as bad=; if the camera was saturated there, {use}"
+    return [Finding("saturation", f"y has many pixels {where}", hint)]
+
+
+def loud(y: np.ndarray, sensor: Sensor) -> list[Finding]:
+    """The finding of noise that is far more than values y (N,) vary."""
+    if sensor.read_noise == "auto" or y.size == 0:
+        return []
+    noise = float(np.hypot(sensor.read_noise, np.sqrt(sensor.gain * max(float(y.mean()), 0.0))))
+    spread = float(y.std())
+    if noise <= LOUD * spread:
+        return []
+    text = f"noise is {noise:.3g}, but y has a standard deviation of {spread:.3g} only"
+    return [Finding("noise", text, 'give noise in the units of y, or "auto"')]
+
+
+def sign(y: np.ndarray, light: np.ndarray) -> list[Finding]:
+    """The finding of negative values y (N,) for masks that have none; `light` are those that are no outliers."""
+    low, top, part = float(y.min(initial=0)), float(y.max(initial=0)), np.mean(y < 0) if y.size else 0.0
+    text = f"y is negative in {part:.1%} of the pixels, but no mask is"
+    for name, end in SIGNED.items():
+        if NEAR * end < top < end and -end <= low < -NEAR * end and np.unique(y[y < 0]).size > 2:
+            return [Finding("sign", text, f"{name} data seem to be read as int{name[4:]}; read them as {name}")]
+    if light.size == 0 or light.mean() >= -BELOW * light.std():
+        return []
+    hint = "too much may be subtracted from y, its sign may be wrong, or unsigned data may be read as signed"
+    return [Finding("sign", text, hint)]
+
+
+def centred(y: np.ndarray, negative: float) -> list[Finding]:
+    """The finding of values y (N,) that are light although masks are about 0: such a part of their sums is negative."""
+    below = np.maximum(-y, 0).sum()
+    if negative <= CENTRED or below > NOISE * np.abs(y).sum() or np.sum(y > 0) <= CENTRED * y.size:
+        return []
+    text = f"the sum of masks is negative in {negative:.0%} of the pixels, but y is nowhere"
+    return [Finding("sign", text, "masks seem to be centred about 0; give transmissions, which are 0 or more")]
