@@ -147,7 +147,8 @@ def test_parts_in_other_files(tmp_path):
         io.read_measurement(tmp_path / "whole.h5")
 
 
-def test_ome_tiff_of_which_a_file_is_missing(tmp_path):
+@pytest.mark.parametrize("compression", [None, "tiff_lzw"])
+def test_ome_tiff_of_which_a_file_is_missing(tmp_path, compression):
     uuid = [f"urn:uuid:00000000-0000-0000-0000-00000000000{i}" for i in range(2)]
     planes = "".join(
         f'<TiffData FirstT="{t}" IFD="0" PlaneCount="1"><UUID FileName="m_{t}.ome.tif">{uuid[t]}</UUID></TiffData>'
@@ -159,7 +160,7 @@ def test_ome_tiff_of_which_a_file_is_missing(tmp_path):
             '<Pixels ID="Pixels:0" DimensionOrder="XYCZT" SizeC="1" SizeT="2" SizeX="32" SizeY="24" SizeZ="1" '
             f'Type="uint16">{planes}</Pixels></Image></OME>'
         )
-        tifffile.imwrite(tmp_path / f"m_{i}.ome.tif", GREY + i, description=xml, metadata=None)
+        pillow_tiff(tmp_path / f"m_{i}.ome.tif", [GREY + i], compression, xml)
     np.testing.assert_array_equal(io.read(tmp_path / "m_0.ome.tif"), [GREY, GREY + 1])
     (tmp_path / "m_1.ome.tif").unlink()
     with pytest.raises(FormatError, match="in other files, which are not there"):
@@ -174,9 +175,158 @@ def test_a_folder_with_what_others_left_in_it(tmp_path):
     assert io.read(tmp_path)[:, 0, 0].tolist() == [1, 2, 10]
 
 
-def test_tiff_with_lzw(tmp_path):
-    Image.fromarray(GREY).save(tmp_path / "a.tif", compression="tiff_lzw")
+@pytest.mark.parametrize(
+    ("names", "said"),
+    [
+        (["f_1.png", "f_2.png", "f_3.jpg"], "left out: f_3.jpg"),
+        (
+            ["f_001.png", "f_002.png", "f_004.png", "f_005.png"],
+            "numbers are missing in the names of its pictures: 1 of 5",
+        ),
+        (["10.png", "20.png", "40.png", "50.png"], "1 of 5"),
+        (["t0.5.png", "t0.10.png", "t0.75.png"], "equally many digits"),
+        (["t0.05.png", "t0.10.png", "t0.15.png"], None),
+        (["1.png", "2.png", "3.png"], None),
+        (["8.tif", "9.tif", "10.tif"], None),
+        (["t17.png", "t33.png", "t50.png", "t67.png"], None),  # times in milliseconds
+        (["a1_b1.png", "a1_b2.png", "a2_b1.png", "a2_b3.png"], None),
+        (["left.png", "right.png"], None),
+    ],
+)
+def test_what_a_folder_of_frames_seems_to_lack_is_said(tmp_path, caplog, names, said):
+    for name in names:
+        Image.fromarray(GREY).save(tmp_path / name) if not name.endswith("jpg") else (tmp_path / name).touch()
+    assert len(io.read(tmp_path)) == sum(not name.endswith("jpg") for name in names)
+    assert said in caplog.text if said else not caplog.text
+
+
+def test_a_pipe_is_refused(tmp_path):
+    if not hasattr(os, "mkfifo"):
+        pytest.skip("no pipes with names")
+    os.mkfifo(tmp_path / "a.npz")
+    with pytest.raises(FormatError, match="is a pipe"):
+        io.read(tmp_path / "a.npz")
+
+
+VIEWS = RNG.integers(0, 4096, (2, 5, 24, 32)).astype(np.uint16)
+
+
+def pillow_tiff(path, pages, compression=None, about=None, photometric=None):
+    """Pages by Pillow, which knows LZW, with the description of other software."""
+    tags = {270: about, 262: photometric}
+    options = {"compression": compression, "tiffinfo": {tag: value for tag, value in tags.items() if value is not None}}
+    first, *rest = map(Image.fromarray, pages)
+    first.save(path, save_all=True, append_images=rest, **options)
+
+
+@pytest.mark.parametrize("compression", [None, "tiff_lzw", "tiff_deflate"])
+def test_tiff_with_a_compression(tmp_path, compression):
+    pillow_tiff(tmp_path / "a.tif", [GREY], compression)
     np.testing.assert_array_equal(io.read(tmp_path / "a.tif"), GREY)
+
+
+@pytest.mark.parametrize("compression", [None, "tiff_lzw"])
+@pytest.mark.parametrize("axes", ["TCYX", "ZCYX", "CTYX", "CZYX", "ZTCYX", "TZCYX"])
+@pytest.mark.parametrize("kind", ["ome", "imagej"])
+def test_channels_are_views_and_times_or_slices_frames(tmp_path, kind, axes, compression):
+    """Whatever the order in which other software stores them, and the compression."""
+    if kind == "imagej" and axes not in ("TCYX", "ZCYX", "TZCYX"):
+        pytest.skip("ImageJ has the order TZCYX")
+    stack = VIEWS if axes[0] == "C" else VIEWS.swapaxes(0, 1)
+    stack = stack if len(axes) == 4 else stack[:, None] if axes[0] == "T" else stack[None]
+    whole, path = tmp_path / "whole.ome.tif", tmp_path / "a.ome.tif"
+    tifffile.imwrite(whole, stack, **{kind: True}, metadata={"axes": axes})
+    with tifffile.TiffFile(whole) as file:
+        about = file.pages[0].description
+    pillow_tiff(path, stack.reshape(-1, 24, 32), compression, about)
+    for written in (whole, path):
+        np.testing.assert_array_equal(io.read_masks(written), VIEWS)
+
+
+@pytest.mark.parametrize("compression", [None, "tiff_lzw", "tiff_deflate", "group4"])
+@pytest.mark.parametrize("dtype", [bool, np.uint8, np.uint16])
+def test_white_is_the_largest_value(tmp_path, dtype, compression):
+    """A TIFF may store 0 for white (MinIsWhite): what is read is as displayed, whatever the compression."""
+    if compression == "group4" and dtype is not bool:
+        pytest.skip("group 4 is for two levels")
+    stored = GREY > 2048 if dtype is bool else (GREY >> 4).astype(dtype)
+    white = stored if dtype is np.uint16 else ~stored  # Pillow takes values as displayed, those of 16 bits as stored
+    pillow_tiff(tmp_path / "a.tif", [white], compression, photometric=0)
+    with tifffile.TiffFile(tmp_path / "a.tif") as file:
+        assert file.pages[0].photometric == 0
+    np.testing.assert_array_equal(io.read(tmp_path / "a.tif"), ~stored)
+
+
+def tiff_of_twelve_bits(path, samples, order="<"):
+    """Two samples in three bytes, as cameras write Mono12p."""
+    first, second = samples.reshape(-1, 2).T.astype(np.uint32)
+    data = np.stack([first >> 4, (first & 15) << 4 | second >> 8, second & 255], 1).astype(np.uint8).tobytes()
+    rows, columns = samples.shape
+    sizes = [(256, columns), (257, rows), (258, 12), (259, 1), (262, 1), (273, 8), (277, 1), (278, rows)]
+    tags = [*sizes, (279, len(data))]
+    directory = struct.pack(f"{order}H", len(tags)) + b"".join(struct.pack(f"{order}HHII", t, 4, 1, v) for t, v in tags)
+    mark = b"II*\0" if order == "<" else b"MM\0*"
+    path.write_bytes(mark + struct.pack(f"{order}I", 8 + len(data)) + data + directory + bytes(4))
+
+
+def test_tiff_of_twelve_bits(tmp_path):
+    tiff_of_twelve_bits(tmp_path / "a.tif", GREY)
+    np.testing.assert_array_equal(io.read(tmp_path / "a.tif"), GREY)
+
+
+def test_a_package_that_is_missing_for_a_tiff_is_named(tmp_path):
+    tiff_of_twelve_bits(tmp_path / "a.tif", GREY, ">")  # Pillow knows the other order of bytes only
+    with contextlib.suppress(ImportError):
+        import imagecodecs  # noqa: F401
+
+        pytest.skip("imagecodecs is installed")
+    with pytest.raises(FormatError, match="pip install imagecodecs"):
+        io.read(tmp_path / "a.tif")
+
+
+@pytest.mark.parametrize("planar", ["contig", "separate"])
+def test_grey_and_colour_tiff(tmp_path, planar):
+    """Colours that are grey are one plane, others need colour=True; transparency is dropped."""
+    frames = np.stack([VIEWS[0], VIEWS[0] // 2, VIEWS[0] // 3], -1)
+    options = {"photometric": "rgb", "planarconfig": planar}
+    for name, content in {"colour": frames, "grey": np.repeat(frames[..., :1], 3, -1)}.items():
+        stored = content if planar == "contig" else np.moveaxis(content, -1, 1)
+        tifffile.imwrite(tmp_path / f"{name}.tif", stored, **options)
+        np.testing.assert_array_equal(io.read_video(tmp_path / f"{name}.tif", colour=True)[0], content)
+    np.testing.assert_array_equal(io.read(tmp_path / "grey.tif"), VIEWS[0])
+    with pytest.raises(FormatError, match=r"colour\.tif: a colour picture came"):
+        io.read(tmp_path / "colour.tif")
+
+
+def test_a_grey_tiff_with_transparency(tmp_path):
+    samples = np.stack([GREY, np.full_like(GREY, 65535)], -1)
+    tifffile.imwrite(tmp_path / "a.tif", samples, photometric="minisblack", extrasamples=["unassalpha"])
+    np.testing.assert_array_equal(io.read(tmp_path / "a.tif"), GREY)
+
+
+@pytest.mark.parametrize("kind", ["png", "tif"])
+def test_a_folder_of_colour_pictures(tmp_path, kind):
+    frames = np.stack([GREY, GREY // 2, GREY // 3], -1)[None] // np.arange(16, 19)[:, None, None, None]
+    frames = frames.astype(np.uint8)
+    for n, frame in enumerate(frames):
+        Image.fromarray(frame).save(tmp_path / f"{n}.{kind}")
+    np.testing.assert_array_equal(io.read_video(tmp_path, colour=True)[0], frames)
+    with pytest.raises(FormatError, match="a colour picture came"):
+        io.read_video(tmp_path)
+
+
+def test_colours_of_sixteen_bits(tmp_path):
+    frame = np.stack([GREY, GREY // 2, GREY // 3], -1)
+    png(tmp_path / "0.png", 2, frame)
+    np.testing.assert_array_equal(io.read_video(tmp_path, colour=True)[0, 0], frame)
+
+
+@pytest.mark.parametrize("channels", [1, 3])
+def test_an_animated_png_is_a_film(tmp_path, channels):
+    frames = (VIEWS[0] >> 4).astype(np.uint8)
+    first, *rest = (Image.fromarray(frame if channels == 1 else np.stack([frame] * 3, -1)) for frame in frames)
+    first.save(tmp_path / "a.png", save_all=True, append_images=rest)
+    np.testing.assert_array_equal(io.read_masks(tmp_path / "a.png")[0], frames)
 
 
 def test_objects_beside_arrays_in_npz(tmp_path):
