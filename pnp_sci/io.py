@@ -2,7 +2,7 @@
 
 In memory, planes come first: measurements (N, H, W), masks and videos (V, B, H, W). In MAT-files planes come last,
 (H, W, K) or (H, W, B, V), except in the array ``pic``; in all other files they come first. A stack whose square frames
-contradict this order, such as (256, 256, 8) in an NPY file, raises an error.
+contradict this order, such as (256, 256, 8) in an NPY file, raises an error, except of :func:`read`.
 """
 
 from __future__ import annotations
@@ -43,7 +43,7 @@ def read(path: str | Path, key: str | None = None) -> np.ndarray:
     ----------
     path : path
         MAT (v5 and v7.3), NPY, NPZ, HDF5, TIFF (ImageJ's order), PNG, a folder of pictures in the order of their
-        numbers, or a video (MP4, AVI, MOV, MKV, GIF; read as grey, all frames that are stored).
+        numbers, or a video (MP4, AVI, MOV, MKV, GIF; read as grey, all frames that are shown).
     key : str, optional
         Name of the array; needed if the file has several. A field of MATLAB's structs is ``struct.field``, an array in
         a group of HDF5 ``group/array``.

@@ -10,7 +10,7 @@ from pathlib import Path
 import numpy as np
 
 from pnp_sci.errors import FormatError, InputError, MissingExtraError
-from pnp_sci.formats import film, folder, hdf5, mat, npz, pictures, tiff
+from pnp_sci.formats import film, folder, hdf5, mat, npz, pictures, tiff, zarr
 
 ONLY = "array"  # key of the array in formats that hold one array without a name
 MAT = {".mat"}
@@ -18,7 +18,6 @@ NUMPY_LIKE = {".npy", ".npz", ".h5", ".hdf5"}
 VIDEO = {".mp4", ".avi", ".mov", ".mkv", ".gif"}
 CONTAINERS = {".npz", ".mat", ".h5", ".hdf5"}  # formats with several named arrays
 PLANES_FIRST_IN_MAT = mat.PLANES_FIRST
-ZARR = "zarr.json", ".zarray", ".zgroup"  # one of them is in the folder of a store
 NO_IMAGINARY = 1e-6  # of the largest value: imaginary parts that rounding leaves, as of an inverse Fourier transform
 LFS = b"version https://git-lfs"  # begins what git leaves of a file that it has not fetched
 
@@ -43,7 +42,7 @@ def load(path: Path, colour: bool = False) -> Arrays:
         raise FileNotFoundError(f"{path}: there is no such file or folder")
     if not (path.is_file() or path.is_dir()):
         raise FormatError(f"{path} is a pipe or a device: a file or a folder was expected")
-    if path.is_dir() and any((path / name).is_file() for name in ZARR):
+    if zarr.is_store(path):
         raise FormatError(
             f"{path} is a Zarr store: pnp_sci.Result.load or pnp_sci.Reconstruction opens a result, "
             "`pnp-sci reconstruct` and pnp_sci.reconstruct read measurements"
@@ -72,10 +71,11 @@ def _real_part(name: str, array: np.ndarray) -> np.ndarray:
     """The real part of a complex array whose imaginary part is rounding; other arrays as they are."""
     if array.dtype.kind != "c":
         return array
-    if np.abs(array.imag).max(initial=0) > NO_IMAGINARY * np.abs(array.real).max(initial=0):
+    real, imaginary = np.real(array), np.imag(array)
+    if np.abs(imaginary).max(initial=0) > NO_IMAGINARY * np.abs(real).max(initial=0):
         _log.warning("%s is complex: real numbers were expected, and it is left out", name)
         return array
-    return array.real
+    return real
 
 
 def save(path: Path, arrays: Arrays) -> None:

@@ -65,8 +65,8 @@ def _parts(name: str, value: Any) -> Iterator[tuple[str, np.ndarray]]:
     elif value.dtype == object:
         items = value.ravel().tolist()
         numeric = [a for a in items if isinstance(a, np.ndarray) and a.dtype.kind in "biufc"]
-        if 1 < len(items) == len(numeric) and len({(a.shape, a.dtype.str) for a in numeric}) == 1:
-            yield from _parts(name, np.stack(items, -1))
+        if len(items) == len(numeric) and len({(a.shape, a.dtype.str) for a in numeric}) == 1:
+            yield from _parts(name, np.stack(items, -1) if len(items) > 1 else items[0])
         else:
             for n, item in enumerate(items):
                 yield from _parts(f"{name}[{n}]", item)

@@ -16,6 +16,7 @@ from PIL import Image
 
 from pnp_sci import Result, io
 from pnp_sci.errors import FormatError
+from pnp_sci.formats import film
 from pnp_sci.results.history import History, Record, Status
 
 imageio_ffmpeg = pytest.importorskip("imageio_ffmpeg")
@@ -23,6 +24,7 @@ RNG = np.random.default_rng(0)
 Y = RNG.random((12, 16))
 MASKS = RNG.random((12, 16, 4)) < 0.5  # planes last, as in MATLAB
 GREY = RNG.integers(0, 4096, (24, 32)).astype(np.uint16)
+VIEWS = RNG.integers(0, 4096, (2, 5, 24, 32)).astype(np.uint16)
 
 
 def matlab73(path, fill):
@@ -53,11 +55,11 @@ def test_fields_of_a_struct(tmp_path, version, separator):
 
 
 def test_cells_sparse_and_complex_arrays(tmp_path):
-    cell = np.empty((1, 4), object)
-    cell[0] = [MASKS[..., n].astype(float) for n in range(4)]
+    planes = np.empty((1, 4), object)
+    planes[0] = [MASKS[..., n].astype(float) for n in range(4)]
     mixed = np.array([Y, "words", Y[:3]], object)
     content = {
-        "mask": cell,
+        "mask": planes,
         "mixed": mixed,
         "meas": Y + 1e-17j,
         "truly": Y * (1 + 1j),
@@ -69,6 +71,88 @@ def test_cells_sparse_and_complex_arrays(tmp_path):
     np.testing.assert_array_equal(io.read(tmp_path / "a.mat", "few"), Y > 0.9)
     np.testing.assert_array_equal(io.read(tmp_path / "a.mat", "mixed[2]"), Y[:3])
     assert "truly" not in {entry.key for entry in io.describe(tmp_path / "a.mat")}
+
+
+def written(file, name, array, kind="double", **attributes):
+    made = file.create_dataset(name, data=array)
+    made.attrs["MATLAB_class"] = np.bytes_(kind)
+    made.attrs.update(attributes)
+    return made
+
+
+def references(file, name, parts, kind=None):
+    """A cell of parts, or a field of an array of structs, as MATLAB v7.3 stores them."""
+    hidden = file.require_group("#refs#")
+    made = file.create_dataset(name, (len(parts), 1), h5py.ref_dtype)
+    for n, part in enumerate(parts):
+        if isinstance(part, str):
+            codes = np.array([[ord(letter)] for letter in part], np.uint16)
+            made[n, 0] = written(hidden, f"{len(hidden)}", codes, "char", MATLAB_int_decode=2).ref
+        else:
+            made[n, 0] = written(hidden, f"{len(hidden)}", part.T).ref
+    if kind:
+        made.attrs["MATLAB_class"] = np.bytes_(kind)
+
+
+def as_struct_array(file):
+    group = file.create_group("data")
+    group.attrs["MATLAB_class"] = np.bytes_("struct")
+    references(file, "data/meas", [Y, Y[:3]])
+    references(file, "data/name", ["one", "two"])
+
+
+def as_mixed_cells(file):
+    references(file, "mixed", [Y, "words", Y[:3]], "cell")
+    references(file, "one", [Y], "cell")
+
+
+def as_texts(file):
+    written(file, "name", np.array([[ord(letter)] for letter in "words"], np.uint16), "char", MATLAB_int_decode=2)
+    written(file, "mask", MASKS.T.astype("u1"), "logical")
+
+
+def as_sparse(file):
+    for name, matrix in {"few": scipy.sparse.csc_array(np.where(Y > 0.9, Y, 0)), "none": None}.items():
+        group = file.create_group(name)
+        group.attrs.update({"MATLAB_class": np.bytes_("double"), "MATLAB_sparse": np.uint64(len(Y))})
+        group["jc"] = matrix.indptr.astype("u8") if matrix is not None else np.zeros(Y.shape[1] + 1, "u8")
+        if matrix is not None:
+            group["data"], group["ir"] = matrix.data, matrix.indices.astype("u8")
+
+
+def as_complex(file):
+    made = np.empty(Y.T.shape, [("real", "f8"), ("imag", "f8")])
+    made["real"], made["imag"] = Y.T, 1e-17
+    written(file, "meas", made)
+
+
+def cell(*parts):
+    made = np.empty((len(parts), 1), object)
+    made[:, 0] = parts
+    return made
+
+
+V5 = {
+    as_struct_array: {"data": np.array([[(Y, "one"), (Y[:3], "two")]], [("meas", object), ("name", object)])},
+    as_mixed_cells: {"mixed": cell(Y, "words", Y[:3]), "one": cell(Y)},
+    as_texts: {"name": "words", "mask": MASKS},
+    as_sparse: {
+        "few": scipy.sparse.csc_array(np.where(Y > 0.9, Y, 0)),
+        "none": scipy.sparse.csc_array(Y.shape, dtype=float),
+    },
+    as_complex: {"meas": Y + 1e-17j},
+}
+
+
+@pytest.mark.parametrize("fill", V5, ids=lambda fill: fill.__name__)
+def test_both_versions_of_matlab_files_give_the_same(tmp_path, fill):
+    scipy.io.savemat(tmp_path / "5.mat", V5[fill])
+    matlab73(tmp_path / "73.mat", fill)
+    old, new = ({entry.key: entry for entry in io.describe(tmp_path / f"{name}.mat")} for name in ("5", "73"))
+    assert list(old) == list(new)
+    for key in old:
+        np.testing.assert_array_equal(io.read(tmp_path / "73.mat", key), io.read(tmp_path / "5.mat", key))
+        assert new[key].dtype == old[key].dtype
 
 
 def test_hdf5_of_python_under_a_name_of_matlab(tmp_path):
@@ -110,6 +194,68 @@ def test_film_of_sixteen_bits(tmp_path):
     raw = ["-f", "rawvideo", "-pix_fmt", "gray16le", "-s", "32x24", "-i", "-"]
     ffmpeg(*raw, "-c:v", "ffv1", tmp_path / "a.mkv", input=GREY.tobytes())
     np.testing.assert_array_equal(io.read(tmp_path / "a.mkv")[0], GREY)
+
+
+@pytest.mark.parametrize("pixels", ["rgb48be", "rgba64be", "ya16be", "gray16be"])
+def test_no_bits_are_lost_in_any_format_of_pixels(tmp_path, pixels):
+    raw = ["-f", "rawvideo", "-pix_fmt", "gray16le", "-s", "32x24", "-i", "-"]
+    ffmpeg(*raw, "-c:v", "png", "-pix_fmt", pixels, tmp_path / "a.mov", input=GREY.tobytes())
+    difference = io.read(tmp_path / "a.mov")[0].astype(int) - GREY
+    assert np.abs(difference).max() <= 0.004 * GREY.max()  # ffmpeg rounds where it makes grey of colours
+
+
+def test_deep_films_are_known_by_the_names_of_their_pixels():
+    """The oracle is ffmpeg's own table: flags, name, components, bits of a pixel, bits of each component."""
+    command = [imageio_ffmpeg.get_ffmpeg_exe(), "-v", "error", "-pix_fmts"]
+    table = subprocess.run(command, capture_output=True, text=True).stdout.partition("-----\n")[2]
+    depths = {name: max(map(int, d[0].split("-"))) for _, name, _, _, *d in map(str.split, table.splitlines()) if d}
+    if not depths:
+        pytest.skip("this ffmpeg does not list depths")
+    for name, depth in depths.items():
+        if not name.startswith("bayer"):  # of which the table lists a share of the bits
+            assert bool(film.DEEP.search(name)) == (depth > 8), name
+
+
+@pytest.mark.parametrize("fps", [0.5, 1000, 12345])
+@pytest.mark.parametrize("suffix", ["mp4", "avi", "mkv", "mov"])
+def test_films_of_any_speed(tmp_path, fps, suffix):
+    io.write_video(tmp_path / f"a.{suffix}", VIEWS[0] / 4095, fps)
+    assert io.read(tmp_path / f"a.{suffix}").shape == VIEWS[0].shape
+
+
+@pytest.mark.parametrize("seconds", [0.3, 1.5])
+@pytest.mark.parametrize(
+    ("suffix", "codec"), [("mp4", "aac"), ("mov", "pcm_s16le"), ("avi", "mp3"), ("mkv", "libopus")]
+)
+def test_films_with_sound(tmp_path, suffix, codec, seconds):
+    """Sound may be shorter or longer than the film; of a film that is cut off nothing is read."""
+    io.write_video(tmp_path / "a.mp4", np.repeat(VIEWS[0], 2, 0) / 4095)
+    path = tmp_path / f"b.{suffix}"
+    sound = ["-f", "lavfi", "-t", seconds, "-i", "sine"]
+    ffmpeg("-i", tmp_path / "a.mp4", *sound, "-c:v", "copy", "-c:a", codec, path)
+    assert len(io.read(path)) == 10
+    whole = path.read_bytes()
+    for part in (0.3, 0.5, 0.7, 0.9):
+        path.write_bytes(whole[: int(part * len(whole))])
+        with contextlib.suppress(FormatError):
+            assert len(io.read(path)) == 10
+
+
+def test_a_film_with_subtitles_that_stay(tmp_path):
+    io.write_video(tmp_path / "a.mp4", VIEWS[0] / 4095)
+    (tmp_path / "a.srt").write_text("1\n00:00:00,000 --> 00:00:05,000\nwords\n")
+    ffmpeg("-i", tmp_path / "a.mp4", "-i", tmp_path / "a.srt", "-c:v", "copy", "-c:s", "srt", tmp_path / "b.mkv")
+    assert len(io.read(tmp_path / "b.mkv")) == 5
+
+
+def test_a_film_that_was_trimmed_without_coding_it_anew(tmp_path):
+    """The frames from the cut on are read: those before it are hidden by an edit list."""
+    levels = 20 * np.arange(10) + 10
+    io.write(tmp_path / "a.mp4", np.broadcast_to(levels[:, None, None], (10, 16, 24)).astype(np.uint8))
+    ffmpeg("-ss", "0.41", "-i", tmp_path / "a.mp4", "-c", "copy", tmp_path / "b.mp4")
+    read = io.read(tmp_path / "b.mp4").mean((1, 2))
+    assert np.abs(read - levels[-len(read) :]).max() < 3
+    assert len(read) in (5, 6)
 
 
 @pytest.mark.parametrize("times", ["(N+N*N/3)*100", "if(lt(N,5),N*100,500+(N-5)*4)", "3000+N*100"])
@@ -206,9 +352,6 @@ def test_a_pipe_is_refused(tmp_path):
     os.mkfifo(tmp_path / "a.npz")
     with pytest.raises(FormatError, match="is a pipe"):
         io.read(tmp_path / "a.npz")
-
-
-VIEWS = RNG.integers(0, 4096, (2, 5, 24, 32)).astype(np.uint16)
 
 
 def pillow_tiff(path, pages, compression=None, about=None, photometric=None):
