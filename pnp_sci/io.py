@@ -2,7 +2,7 @@
 
 In memory, planes come first: measurements (N, H, W), masks and videos (V, B, H, W). In MAT-files planes come last,
 (H, W, K) or (H, W, B, V), except in the array ``pic``; in all other files they come first. A stack whose square frames
-contradict this order, such as (256, 256, 8) in an NPY file, raises an error.
+contradict this order, such as (256, 256, 8) in an NPY file, raises an error, except of :func:`read`.
 """
 
 from __future__ import annotations
@@ -43,7 +43,7 @@ def read(path: str | Path, key: str | None = None) -> np.ndarray:
     ----------
     path : path
         MAT (v5 and v7.3), NPY, NPZ, HDF5, TIFF (ImageJ's order), PNG, a folder of pictures in the order of their
-        numbers, or a video (MP4, AVI, MOV, MKV, GIF; read as grey, all frames that are stored).
+        numbers, or a video (MP4, AVI, MOV, MKV, GIF; read as grey, all frames that are shown).
     key : str, optional
         Name of the array; needed if the file has several. A field of MATLAB's structs is ``struct.field``, an array in
         a group of HDF5 ``group/array``.
@@ -209,18 +209,19 @@ def write_video(path: str | Path, frames: Any, fps: float = 10) -> None:
         film.save(temporary, np.asarray(frames), fps)
 
 
-def _find(path: Path, kind: str, key: str | None) -> tuple[str, np.ndarray]:
+def _find(path: Path, kind: str, key: str | None, colour: bool = False) -> tuple[str, np.ndarray]:
     """Name and array of this kind in a file; raises a FormatError if its planes may not come first."""
-    arrays = _formats.load(path)
+    arrays = _formats.load(path, colour)
     others = {name for names in _NAMES.values() for name in names} - set(_NAMES[kind])
     candidates = [name for name in _NAMES[kind] if name in arrays] or [n for n in arrays if _field(n) in _NAMES[kind]]
     if not candidates and len(arrays) == 1:
         candidates = [name for name in arrays if _field(name) not in others]
     name, array = _chosen(path, arrays, candidates, key, kind)
-    if _doubtful(path, name, array.shape):
+    if _doubtful(path, name, array.shape[:-1] if colour else array.shape):
         raise FormatError(
             f"{path}: {name} has shape {array.shape} with planes first, but its square frames indicate another order "
-            "of axes: write it again with planes last in a MAT-file, or first in any other"
+            "of axes: write it again with planes last in a MAT-file, or first in any other. If planes do come first, "
+            "pnp_sci.io.read reads it, and a TIFF is not refused"
         )
     return name, array
 
@@ -247,7 +248,7 @@ def _field(name: str) -> str:
 
 
 def _doubtful(path: Path, name: str, shape: tuple[int, ...]) -> bool:
-    """Whether two equal axes that are larger than the others are not rows and columns."""
+    """Whether two equal axes that are much larger than the others are not rows and columns."""
     in_mat = path.suffix.lower() in _formats.MAT and name not in _formats.PLANES_FIRST_IN_MAT
     if not in_mat and path.suffix.lower() not in _formats.NUMPY_LIKE:
         return False
@@ -256,7 +257,7 @@ def _doubtful(path: Path, name: str, shape: tuple[int, ...]) -> bool:
     if len(shape) != 3:
         return False
     planes, rows, columns = shape
-    return planes == columns > rows if in_mat else planes == rows > columns
+    return planes == columns >= 2 * rows if in_mat else planes == rows >= 2 * columns
 
 
 def _in_views(path: Path, name: str, array: np.ndarray, views: int | None) -> np.ndarray:
@@ -276,12 +277,9 @@ def _in_views(path: Path, name: str, array: np.ndarray, views: int | None) -> np
 
 def _in_colour(path: Path, views: int | None, key: str | None) -> np.ndarray:
     """A colour video (V, B, H, W, 3), or those of several measurements."""
-    suffix = path.suffix.lower()
-    if suffix in _formats.VIDEO and path.is_file():
-        array = film.load_gif(path, True) if suffix == ".gif" else film.load(path, True)
-    else:
-        _, array = _find(path, "video", key)
-        array = np.moveaxis(array, -3, -1) if suffix in _formats.MAT and array.ndim > 3 else array
+    _, array = _find(path, "video", key, True)
+    if path.suffix.lower() in _formats.MAT and array.ndim > 3:
+        array = np.moveaxis(array, -3, -1)
     views = None if views is None else whole("views", views, 1)
     if array.ndim not in (4, 5, 6) or array.shape[-1] != 3 or (array.ndim == 4 and len(array) % (views or 1)):
         expected = f"(views, frames, rows, columns, 3), or frames for {views or 1} views, was expected"

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING
 import click
 
 from pnp_sci.cli.inputs import FILE
-from pnp_sci.errors import UnknownPluginError
+from pnp_sci.errors import FormatError, UnknownPluginError
 
 if TYPE_CHECKING:
     import numpy as np
@@ -24,14 +24,15 @@ def info(file: Path, views: int | None) -> None:
     Its arrays, how well its masks code the frames, and how its result was obtained.
     """
     from pnp_sci import io
+    from pnp_sci.formats.zarr import is_store
     from pnp_sci.masks import condition
 
+    if is_store(file):
+        _print_store(file)
+        return
     entries = io.describe(file)
     if {"x", "history"} <= {entry.key for entry in entries}:
-        from pnp_sci.results.result import Result
-
-        result = Result.load(file)
-        click.echo(f"{result!r}\n{json.dumps(result.settings, indent=2)}")
+        _print_result(file)
         return
     for entry in entries:
         click.echo(f"{entry.key:12s} {' x '.join(map(str, entry.shape)):22s} {entry.dtype:8s} {entry.meaning}")
@@ -41,6 +42,30 @@ def info(file: Path, views: int | None) -> None:
     measurements = [entry.key for entry in entries if entry.meaning.startswith("measurement")]
     if len(masks) == len(measurements) == 1:
         _print_fit(io.read_measurement(file, measurements[0]), masks[0])
+
+
+def _print_store(folder: Path) -> None:
+    """What :func:`pnp_sci.reconstruct` has written, or a result."""
+    from pnp_sci import io
+    from pnp_sci.fleet.reconstruction import Reconstruction
+    from pnp_sci.formats.replacing import is_own_store
+
+    if is_own_store(folder):
+        _print_result(folder)
+        return
+    try:
+        reconstruction = Reconstruction(folder)
+    except FormatError:
+        io.describe(folder)  # of other software: the error says what reads it
+        raise
+    click.echo(f"{reconstruction!r}\n{json.dumps(reconstruction.settings, indent=2)}")
+
+
+def _print_result(file: Path) -> None:
+    from pnp_sci.results.result import Result
+
+    result = Result.load(file)
+    click.echo(f"{result!r}\n{json.dumps(result.settings, indent=2)}")
 
 
 def _print_fit(y: np.ndarray, masks: np.ndarray) -> None:

@@ -1,9 +1,10 @@
-"""Films: MP4, AVI, MOV, MKV by ffmpeg, and GIF. All frames that are stored are read, whatever their times."""
+"""Films: MP4, AVI, MOV, MKV by ffmpeg, and GIF. All frames that are shown are read, whatever their times."""
 
 from __future__ import annotations
 
 import errno
 import re
+import struct
 import subprocess
 from contextlib import closing
 from pathlib import Path
@@ -15,21 +16,29 @@ from pnp_sci._optional import needed_for
 from pnp_sci.errors import FormatError, InputError
 from pnp_sci.formats.pictures import eight_bit
 
-DEEP = re.compile(r"(?<![0-9])(9|10|12|14|16)(le|be)")  # the bits in the name of ffmpeg's pixel formats, if above 8
-START = re.compile(r"start: (-?[0-9.]+)")  # seconds of the first frame
+DEEP = re.compile(r"(?<!444)(?<!555)(?<!565)[lb]e$")  # ends the names of ffmpeg's pixel formats of more than 8 bits
+BITS = re.compile(r"(9|10|12|14|16|f32)[lb]e$")  # of a sample; where the name does not say it, 16 bits hold all
+LASTS = re.compile(r": Video:(?:(?!Stream #).)*?DURATION *: (\d+):(\d+):([0-9.]+)", re.DOTALL)  # of the stream, in MKV
+UNKNOWN = 2**32 - 1  # size of an AVI whose writer could not go back to its beginning
+FLAGS = re.compile(r"F=0x([0-9A-F]+)")  # of a packet
+DISCARDED = 4  # the flag of what an edit list cuts away
 PALETTE = "split[a][b];[a]palettegen[p];[b][p]paletteuse"  # of a GIF: the colours that suit the film
 BROKEN = re.compile(r"prematurely|partial file|truncat|invalid data|moov atom not found", re.IGNORECASE)
 
 
 def load(path: Path, colour: bool = False) -> np.ndarray:
-    """The frames (B, H, W), in colour (B, H, W, 3), as uint8, or uint16 for films of more bits."""
+    """The frames (B, H, W), in colour (B, H, W, 3), as uint8, uint16 for more bits, or float32 for grey floats."""
     with closing(_ffmpeg().read_frames(_url(path))) as reader:
         meta = next(reader)
-    deep = DEEP.search(meta["pix_fmt"])
+    name = meta["pix_fmt"].partition("(")[0]
+    deep = DEEP.search(name)
     if colour:
         pixels, kind, depth = ("rgb48le", "<u2", (3,)) if deep else ("rgb24", "u1", (3,))
+    elif deep:
+        bits = found[1] if (found := BITS.search(name)) else "16"
+        pixels, kind, depth = f"gray{bits}le", "<f4" if bits == "f32" else "<u2", ()
     else:
-        pixels, kind, depth = (f"gray{deep[1]}le", "<u2", ()) if deep else ("gray", "u1", ())
+        pixels, kind, depth = "gray", "u1", ()
     content = _output(path, "-fps_mode", "passthrough", "-f", "rawvideo", "-pix_fmt", pixels)
     columns, rows = meta["size"]
     values = np.frombuffer(content, kind)
@@ -49,18 +58,35 @@ def _output(path: Path, *options: str) -> bytes:
 
 
 def _check_end(path: Path, count: int, meta: dict[str, Any]) -> None:
-    """Raise a FormatError if the last of `count` frames ends before the film does."""
-    listed = _output(path, "-c", "copy", "-f", "framecrc").decode()  # stream, dts, pts, duration, size, checksum
-    ticks, second = map(int, re.search(r"#tb 0: (\d+)/(\d+)", listed).groups())  # type: ignore[union-attr]
-    frames = sorted(tuple(map(int, line.split(",")[2:4])) for line in listed.splitlines() if line[0] != "#")
-    end = max(((time + lasts) * ticks / second for time, lasts in frames[:count]), default=0.0)
-    head = subprocess.run([_ffmpeg().get_ffmpeg_exe(), "-i", _url(path)], capture_output=True).stderr
-    start = START.search(head.decode(errors="replace"))
-    expected = meta["duration"] - max(float(start[1]) if start else 0.0, 0.0)
-    tolerance = 0.8 / meta["fps"] + 0.006  # the duration is rounded to 0.01 s; a missing frame is an error
-    if meta.get("audio_codec"):
-        tolerance += 0.1 * expected  # the sound may be longer than the film
-    if end < expected - tolerance:
+    """Raise a FormatError if the last of `count` frames ends before the film does, or the file before it should.
+
+    Sound may go on after the film. AVI, whose times are incomplete, declares its size.
+    """
+    with path.open("rb") as file:
+        riff, size = struct.unpack("<4sI", file.read(8))
+    if riff == b"RIFF":
+        if path.stat().st_size < 8 + size < UNKNOWN:
+            raise FormatError(f"{path} has {path.stat().st_size} bytes of {8 + size}, it is truncated")
+        return
+    listed = _output(path, "-map", "0:a?", "-c", "copy", "-copyts", "-f", "framecrc").decode()
+    ticks = {stream: int(a) / int(b) for stream, a, b in re.findall(r"#tb (\d+): (\d+)/(\d+)", listed)}
+    film, sound, cut = [], [0.0], False
+    for line in listed.splitlines():  # stream, dts, pts, duration, size, checksum
+        if line[0] == "#":
+            continue
+        if (flags := FLAGS.search(line)) and int(flags[1], 16) & DISCARDED:
+            cut = cut or line[0] == "0"
+            continue
+        stream, _, time, lasts = line.split(",")[:4]
+        (film if stream == "0" else sound).append((int(time) + int(lasts)) * ticks[stream])
+    film = sorted(film) or [0.0]
+    end = film[min(count, len(film)) - 1]
+    head = subprocess.run([_ffmpeg().get_ffmpeg_exe(), "-i", _url(path)], capture_output=True).stderr.decode("latin-1")
+    own = LASTS.search(head)
+    expected = sum(float(part) * unit for part, unit in zip(own.groups(), (3600, 60, 1))) if own else meta["duration"]
+    frame = (film[-1] - film[0]) / max(len(film) - 1, 1)
+    tolerance = (1.8 if cut else 0.8) * frame + 0.006  # a cut may part a frame; durations are rounded to 0.01 s
+    if end < film[-1] - tolerance or max(film[-1], *sound) < expected - tolerance:
         raise FormatError(f"{path}: {end:.2f} of {expected:.2f} seconds can be read, the file seems truncated")
 
 

@@ -17,6 +17,7 @@ from pnp_sci.formats.limits import check_size
 
 SIGNATURE = b"\x89HDF\r\n\x1a\n"
 HIDDEN = "#"  # begins the names of MATLAB's own groups
+NOT_NUMBERS = b"char", b"string", b"function_handle"  # MATLAB's classes of arrays that are stored as numbers
 
 
 def is_hdf5(content: bytes) -> bool:
@@ -47,13 +48,13 @@ def opened(path: Path) -> Any:
 
 def _read(path: Path, matlab: bool) -> dict[str, np.ndarray]:
     with opened(path) as file:
-        return {
-            name: array for name, item in _datasets(file, "", matlab) for array in _arrays(path, name, item, matlab)
-        }
+        return dict(_in_group(path, "", file, matlab))
 
 
-def _datasets(group: Any, prefix: str, matlab: bool, above: tuple[Any, ...] = ()) -> Iterator[tuple[str, Any]]:
-    """All datasets below a group, links followed, by their names."""
+def _in_group(
+    path: Path, prefix: str, group: Any, matlab: bool, above: tuple[Any, ...] = ()
+) -> Iterator[tuple[str, np.ndarray]]:
+    """All arrays below a group, links followed, by their names."""
     library = h5py()
     here = library.h5o.get_info(group.id).addr, group.file.filename
     if here in above:  # a link to a group that holds it
@@ -67,26 +68,61 @@ def _datasets(group: Any, prefix: str, matlab: bool, above: tuple[Any, ...] = ()
             if isinstance(link := group.get(key, getlink=True), library.ExternalLink):
                 raise FormatError(f"{prefix}{key} is in another file, {link.filename}, which is not there") from None
             continue  # a soft link to nothing
-        if isinstance(item, library.Dataset):
-            yield f"{prefix}{key}", item
-        elif isinstance(item, library.Group):
-            yield from _datasets(item, f"{prefix}{key}{'.' if matlab else '/'}", matlab, (*above, here))
+        yield from _arrays(path, f"{prefix}{key}", item, matlab, (*above, here))
 
 
-def _arrays(path: Path, name: str, item: Any, matlab: bool) -> Iterator[np.ndarray]:
-    """The dataset as an array, if it is one of numbers."""
-    if matlab and item.attrs.get("MATLAB_class") == b"cell":
-        parts = [a for ref in item[()].ravel() for a in _arrays(path, name, item.file[ref], matlab)]
-        if len({(a.shape, a.dtype) for a in parts}) == 1:
-            yield np.stack(parts) if len(parts) > 1 else parts[0]
+def _arrays(
+    path: Path, name: str, item: Any, matlab: bool, above: tuple[Any, ...] = ()
+) -> Iterator[tuple[str, np.ndarray]]:
+    """The arrays of numbers in a dataset or a group, by their names."""
+    kind = item.attrs.get("MATLAB_class", b"") if matlab else b""
+    if not isinstance(item, h5py().Dataset):
+        if "MATLAB_sparse" in item.attrs and matlab:
+            yield name, _sparse(path, name, item)
+        elif isinstance(item, h5py().Group):
+            yield from _in_group(path, f"{name}{'.' if matlab else '/'}", item, matlab, above)
+    elif matlab and item.dtype == h5py().ref_dtype:
+        yield from _referred(path, name, item, kind == b"cell", above)
+    elif item.dtype.names == ("real", "imag"):
+        yield name, _complex(item)
+    elif kind in NOT_NUMBERS or "MATLAB_object_decode" in item.attrs:
         return
-    if item.dtype.names == ("real", "imag"):
-        whole = item[()]
-        yield whole["real"] + 1j * whole["imag"]
     elif item.dtype.kind in "biufc" and item.shape is not None and not item.attrs.get("MATLAB_empty"):
         _check_storage(path, name, item)
         array = np.asarray(item[()])
-        yield array.astype(bool) if matlab and item.attrs.get("MATLAB_class") == b"logical" else array
+        yield name, array.astype(bool) if kind == b"logical" else array
+
+
+def _referred(path: Path, name: str, item: Any, cell: bool, above: tuple[Any, ...]) -> Iterator[tuple[str, np.ndarray]]:
+    """The elements of a cell, stacked if they are arrays of one shape; or one field of an array of structs."""
+    before, _, field = name.rpartition(".")
+    names = [f"{name}[{n}]" if cell else f"{before}[{n}].{field}" for n in range(item.size)]
+    found = [list(_arrays(path, own, item.file[ref], True, above)) for own, ref in zip(names, item[()].ravel())]
+    arrays = [array for element in found for _, array in element]
+    single = [own for own, element in zip(names, found) if [key for key, _ in element] == [own]]
+    if cell and 0 < len(arrays) == len(single) == item.size and len({(a.shape, a.dtype) for a in arrays}) == 1:
+        yield name, np.stack(arrays) if len(arrays) > 1 else arrays[0]
+    else:
+        yield from (part for element in found for part in element)
+
+
+def _complex(item: Any) -> np.ndarray:
+    whole: Any = item[()]
+    return whole["real"] + 1j * whole["imag"]
+
+
+def _sparse(path: Path, name: str, group: Any) -> np.ndarray:
+    """A sparse matrix of MATLAB, stored by columns, as the transpose, as h5py sees other arrays."""
+    from scipy.sparse import csc_array
+
+    starts, rows = np.asarray(group["jc"][()]), int(group.attrs["MATLAB_sparse"])
+    check_size(name, 8.0 * rows * (len(starts) - 1), path.stat().st_size)
+    data, indices = np.zeros(0), np.zeros(0)
+    if "data" in group:  # it is left out where all is 0
+        data = _complex(group["data"]) if group["data"].dtype.names else group["data"][()]
+        indices = group["ir"][()]
+    array = csc_array((data, indices.astype(np.int64), starts.astype(np.int64)), (rows, len(starts) - 1)).toarray().T
+    return array.astype(bool) if group.attrs.get("MATLAB_class") == b"logical" else array
 
 
 def _check_storage(path: Path, name: str, item: Any) -> None:

@@ -5,7 +5,6 @@ A field of a struct is ``struct.field``; a cell of arrays of one shape is their 
 
 from __future__ import annotations
 
-import logging
 import re
 import struct
 import zlib
@@ -23,11 +22,8 @@ from pnp_sci.formats.limits import check_size
 PLANES_FIRST = {"pic"}  # names of arrays with planes first, as in BIRNAT's published results
 NAME = re.compile(r"[A-Za-z][A-Za-z0-9_]{0,30}")  # of a variable
 HEADER, MATRIX, COMPRESSED = 128, 14, 15  # bytes of the file's header; types of elements (MathWorks, "MAT-File Format")
-NO_IMAGINARY = 1e-6  # of the largest value: imaginary parts that rounding leaves, as of an inverse Fourier transform
 LARGEST = 2**31  # bytes of an array in MAT v5
 OCTAVE = b"# Created by Octave"
-
-_log = logging.getLogger("pnp_sci")
 
 
 def load(path: Path) -> dict[str, np.ndarray]:
@@ -69,24 +65,13 @@ def _parts(name: str, value: Any) -> Iterator[tuple[str, np.ndarray]]:
     elif value.dtype == object:
         items = value.ravel().tolist()
         numeric = [a for a in items if isinstance(a, np.ndarray) and a.dtype.kind in "biufc"]
-        if 1 < len(items) == len(numeric) and len({(a.shape, a.dtype.str) for a in numeric}) == 1:
-            yield from _parts(name, np.stack(items, -1))
+        if len(items) == len(numeric) and len({(a.shape, a.dtype.str) for a in numeric}) == 1:
+            yield from _parts(name, np.stack(items, -1) if len(items) > 1 else items[0])
         else:
             for n, item in enumerate(items):
                 yield from _parts(f"{name}[{n}]", item)
-    elif (array := real_part(name, value)).dtype.kind in "biuf":
-        yield name, array
-
-
-def real_part(name: str, array: np.ndarray) -> np.ndarray:
-    """The real part of a complex array whose imaginary part is rounding; other arrays as they are."""
-    if array.dtype.kind != "c":
-        return array
-    real, imaginary = np.real(array), np.imag(array)
-    if np.abs(imaginary).max(initial=0) > NO_IMAGINARY * np.abs(real).max(initial=0):
-        _log.warning("%s is complex: real numbers were expected, and it is left out", name)
-        return array
-    return real
+    elif value.dtype.kind in "biufc":
+        yield name, value
 
 
 def _check_sizes(content: bytes) -> None:

@@ -11,7 +11,7 @@ from contextlib import contextmanager
 from pathlib import Path
 from uuid import uuid4
 
-from pnp_sci.errors import FormatError
+from pnp_sci.errors import FormatError, InputError, InputTypeError
 
 
 @contextmanager
@@ -54,6 +54,8 @@ def replacing(path: Path) -> Iterator[Path]:
             temporary.unlink(missing_ok=True)
         if isinstance(error, OSError) and error.filename in (None, str(temporary)):
             raise type(error)(error.errno or errno.EIO, error.strerror or str(error), str(path)) from error
+        if isinstance(error, (InputError, InputTypeError)) and str(temporary) in str(error):
+            raise type(error)(str(error).replace(str(temporary), str(path))) from error
         raise
 
 

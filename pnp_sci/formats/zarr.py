@@ -24,12 +24,23 @@ def library() -> Any:
     return zarr
 
 
+def is_store(path: Path) -> bool:
+    """Whether a folder is an array or a group of Zarr, v2 or v3."""
+    return any((path / name).is_file() for name in ("zarr.json", ".zarray", ".zgroup"))
+
+
 def save(path: Path, arrays: Mapping[str, Named], texts: Mapping[str, Any]) -> None:
     """Write a group of arrays with `texts` as attribute; "video", of axes (t, c, y, x), is the image of OME-Zarr."""
     group = library().open_group(path, mode="w-", zarr_format=3, attributes={MARK: dict(texts), "ome": _ome()})
     for name, (array, dims, chunk) in arrays.items():
         made = group.create_array(
-            name, shape=array.shape, chunks=chunk, dtype=array.dtype, dimension_names=dims, fill_value=0
+            name,
+            shape=array.shape,
+            chunks=chunk,
+            dtype=array.dtype,
+            dimension_names=dims,
+            fill_value=0,
+            config={"write_empty_chunks": True},  # a chunk that is not there is lost, not empty
         )
         if array.size:
             made[...] = array
@@ -53,9 +64,18 @@ def texts_of(path: Path) -> dict[str, Any]:
 
 
 def load(path: Path) -> tuple[dict[str, np.ndarray], dict[str, Any]]:
-    """The arrays of a store that :func:`save` wrote, and its texts."""
+    """The arrays of a store that :func:`save` wrote, and its texts.
+
+    Raises
+    ------
+    FormatError
+        If a chunk is missing, which Zarr would read as zeros.
+    """
     texts = texts_of(path)
     group = library().open_group(path, mode="r")
+    for name, item in group.arrays():
+        if item.size and (lost := item.nchunks - item.nchunks_initialized):
+            raise FormatError(f"{lost} of the {item.nchunks} chunks of {name} are missing: copy the whole folder again")
     return {name: np.asarray(item[...]) for name, item in group.arrays()}, texts
 
 

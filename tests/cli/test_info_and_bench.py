@@ -4,9 +4,12 @@ import json
 import re
 from pathlib import Path
 
+import numpy as np
 import pytest
 from command_line import fails, run
 
+import pnp_sci
+from pnp_sci import io
 from pnp_sci.plugins import registry
 
 pytest_plugins = "with_files"
@@ -22,6 +25,18 @@ def test_info_reports_on_arrays_masks_and_results(meas):
     report = run("info", "result.npz").output
     assert "Result(2 views x 10 frames of 32 x 32, 2 iterations" in report
     assert json.loads(report[report.index("\n{") :])["seed"] == 7
+
+
+def test_info_reports_on_stores(meas):
+    zarr = pytest.importorskip("zarr")
+    run("solve", meas, "--iterations", "2", "--out", "result.zarr")
+    assert '"prior": "tv"' in run("info", "result.zarr").output
+    pnp_sci.reconstruct(io.read(meas, "y"), io.read_masks(meas), "video.zarr", prior="tv", iterations=2)
+    assert "Reconstruction(" in run("info", "video.zarr").output
+    zarr.save_array("other.zarr", np.ones((4, 4)))
+    for place in ("video.zarr", "result.zarr", "other.zarr"):
+        assert "is a Zarr store" in fails(1, "solve", place)
+    assert "is a Zarr store" in fails(1, "info", "other.zarr")
 
 
 def test_priors_lists_what_is_installed_with_a_summary(monkeypatch):

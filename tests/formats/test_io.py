@@ -202,8 +202,55 @@ def test_square_frames_on_the_wrong_axes_are_refused(tmp_path):
     np.save(tmp_path / "b.npy", sample((16, 16, 8, 2)))
     scipy.io.savemat(tmp_path / "c.mat", {"mask": sample((8, 16, 16))})
     for name in ("a.npy", "b.npy", "c.mat"):
-        with pytest.raises(FormatError, match=rf"{name}.*square frames"):
+        with pytest.raises(FormatError, match=rf"{name}.*square frames.*pnp_sci\.io\.read reads it"):
             io.read_masks(tmp_path / name)
+        assert io.read(tmp_path / name).ndim > 2
+
+
+@pytest.mark.parametrize("suffix", ["npy", "npz", "mat", "h5", "tif"])
+@pytest.mark.parametrize("shape", [(64, 64, 48), (64, 48, 64), (48, 64, 64)])
+def test_as_many_measurements_as_rows_or_columns(tmp_path, suffix, shape):
+    array = sample(shape, np.uint8)
+    io.write(tmp_path / f"a.{suffix}", array)
+    assert np.array_equal(io.read_measurement(tmp_path / f"a.{suffix}"), array)
+
+
+def test_as_many_colour_frames_as_rows(tmp_path):
+    array = sample((8, 8, 6, 3), np.uint8)
+    io.write(tmp_path / "a.npy", array)
+    assert np.array_equal(io.read_video(tmp_path / "a.npy", colour=True)[0], array)
+
+
+@pytest.mark.parametrize("suffix", ["NPY", "NPZ", "MAT", "H5", "TIF", "PNG"])
+def test_suffixes_in_capitals(tmp_path, suffix):
+    array = sample((9, 7), np.uint8)
+    io.write(tmp_path / f"a.{suffix}", array)
+    assert os.listdir(tmp_path) == [f"a.{suffix}"]
+    assert np.array_equal(io.read(tmp_path / f"a.{suffix}"), array)
+
+
+@pytest.mark.parametrize("suffix", ["npy", "npz", "h5", "mat"])
+def test_complex_numbers_are_real_or_left_out(tmp_path, suffix, caplog):
+    """Imaginary parts that rounding leaves are dropped in every format."""
+    real = sample((8, 9), np.float64)
+    for rounding in (1e-12, 1.0):
+        content = real * (1 + 1j * rounding)
+        path = tmp_path / f"a.{suffix}"
+        if suffix == "npy":
+            np.save(path, content)
+        elif suffix == "npz":
+            np.savez(path, y=content)
+        elif suffix == "h5":
+            with h5py.File(path, "w") as file:
+                file["y"] = content
+        else:
+            scipy.io.savemat(path, {"y": content})
+        if rounding < 1:
+            assert np.array_equal(io.read_measurement(path), real)
+            assert not caplog.text
+    with pytest.raises(FormatError, match="no measurement was recognised"):
+        io.read_measurement(path)
+    assert "is complex" in caplog.text
 
 
 def test_views_must_share_the_planes(tmp_path):
@@ -429,6 +476,8 @@ def test_a_failed_write_leaves_nothing_behind(tmp_path):
         with pytest.raises(error):
             io.write(tmp_path / name, array)
         assert os.listdir(tmp_path) == []
+    with pytest.raises(FormatError, match=r"/run\.1: cannot write \.1"):  # not the name of a temporary file
+        io.write(tmp_path / "run.1", np.ones((2, 4, 4)))
     with pytest.raises(FileNotFoundError, match="there is no folder"):
         io.write(tmp_path / "no" / "a.npy", np.ones(3))
 

@@ -16,6 +16,7 @@ from PIL import Image
 
 from pnp_sci import Result, io
 from pnp_sci.errors import FormatError
+from pnp_sci.formats import film
 from pnp_sci.results.history import History, Record, Status
 
 imageio_ffmpeg = pytest.importorskip("imageio_ffmpeg")
@@ -23,6 +24,7 @@ RNG = np.random.default_rng(0)
 Y = RNG.random((12, 16))
 MASKS = RNG.random((12, 16, 4)) < 0.5  # planes last, as in MATLAB
 GREY = RNG.integers(0, 4096, (24, 32)).astype(np.uint16)
+VIEWS = RNG.integers(0, 4096, (2, 5, 24, 32)).astype(np.uint16)
 
 
 def matlab73(path, fill):
@@ -53,11 +55,11 @@ def test_fields_of_a_struct(tmp_path, version, separator):
 
 
 def test_cells_sparse_and_complex_arrays(tmp_path):
-    cell = np.empty((1, 4), object)
-    cell[0] = [MASKS[..., n].astype(float) for n in range(4)]
+    planes = np.empty((1, 4), object)
+    planes[0] = [MASKS[..., n].astype(float) for n in range(4)]
     mixed = np.array([Y, "words", Y[:3]], object)
     content = {
-        "mask": cell,
+        "mask": planes,
         "mixed": mixed,
         "meas": Y + 1e-17j,
         "truly": Y * (1 + 1j),
@@ -69,6 +71,88 @@ def test_cells_sparse_and_complex_arrays(tmp_path):
     np.testing.assert_array_equal(io.read(tmp_path / "a.mat", "few"), Y > 0.9)
     np.testing.assert_array_equal(io.read(tmp_path / "a.mat", "mixed[2]"), Y[:3])
     assert "truly" not in {entry.key for entry in io.describe(tmp_path / "a.mat")}
+
+
+def written(file, name, array, kind="double", **attributes):
+    made = file.create_dataset(name, data=array)
+    made.attrs["MATLAB_class"] = np.bytes_(kind)
+    made.attrs.update(attributes)
+    return made
+
+
+def references(file, name, parts, kind=None):
+    """A cell of parts, or a field of an array of structs, as MATLAB v7.3 stores them."""
+    hidden = file.require_group("#refs#")
+    made = file.create_dataset(name, (len(parts), 1), h5py.ref_dtype)
+    for n, part in enumerate(parts):
+        if isinstance(part, str):
+            codes = np.array([[ord(letter)] for letter in part], np.uint16)
+            made[n, 0] = written(hidden, f"{len(hidden)}", codes, "char", MATLAB_int_decode=2).ref
+        else:
+            made[n, 0] = written(hidden, f"{len(hidden)}", part.T).ref
+    if kind:
+        made.attrs["MATLAB_class"] = np.bytes_(kind)
+
+
+def as_struct_array(file):
+    group = file.create_group("data")
+    group.attrs["MATLAB_class"] = np.bytes_("struct")
+    references(file, "data/meas", [Y, Y[:3]])
+    references(file, "data/name", ["one", "two"])
+
+
+def as_mixed_cells(file):
+    references(file, "mixed", [Y, "words", Y[:3]], "cell")
+    references(file, "one", [Y], "cell")
+
+
+def as_texts(file):
+    written(file, "name", np.array([[ord(letter)] for letter in "words"], np.uint16), "char", MATLAB_int_decode=2)
+    written(file, "mask", MASKS.T.astype("u1"), "logical")
+
+
+def as_sparse(file):
+    for name, matrix in {"few": scipy.sparse.csc_array(np.where(Y > 0.9, Y, 0)), "none": None}.items():
+        group = file.create_group(name)
+        group.attrs.update({"MATLAB_class": np.bytes_("double"), "MATLAB_sparse": np.uint64(len(Y))})
+        group["jc"] = matrix.indptr.astype("u8") if matrix is not None else np.zeros(Y.shape[1] + 1, "u8")
+        if matrix is not None:
+            group["data"], group["ir"] = matrix.data, matrix.indices.astype("u8")
+
+
+def as_complex(file):
+    made = np.empty(Y.T.shape, [("real", "f8"), ("imag", "f8")])
+    made["real"], made["imag"] = Y.T, 1e-17
+    written(file, "meas", made)
+
+
+def cell(*parts):
+    made = np.empty((len(parts), 1), object)
+    made[:, 0] = parts
+    return made
+
+
+V5 = {
+    as_struct_array: {"data": np.array([[(Y, "one"), (Y[:3], "two")]], [("meas", object), ("name", object)])},
+    as_mixed_cells: {"mixed": cell(Y, "words", Y[:3]), "one": cell(Y)},
+    as_texts: {"name": "words", "mask": MASKS},
+    as_sparse: {
+        "few": scipy.sparse.csc_array(np.where(Y > 0.9, Y, 0)),
+        "none": scipy.sparse.csc_array(Y.shape, dtype=float),
+    },
+    as_complex: {"meas": Y + 1e-17j},
+}
+
+
+@pytest.mark.parametrize("fill", V5, ids=lambda fill: fill.__name__)
+def test_both_versions_of_matlab_files_give_the_same(tmp_path, fill):
+    scipy.io.savemat(tmp_path / "5.mat", V5[fill])
+    matlab73(tmp_path / "73.mat", fill)
+    old, new = ({entry.key: entry for entry in io.describe(tmp_path / f"{name}.mat")} for name in ("5", "73"))
+    assert list(old) == list(new)
+    for key in old:
+        np.testing.assert_array_equal(io.read(tmp_path / "73.mat", key), io.read(tmp_path / "5.mat", key))
+        assert new[key].dtype == old[key].dtype
 
 
 def test_hdf5_of_python_under_a_name_of_matlab(tmp_path):
@@ -112,6 +196,68 @@ def test_film_of_sixteen_bits(tmp_path):
     np.testing.assert_array_equal(io.read(tmp_path / "a.mkv")[0], GREY)
 
 
+@pytest.mark.parametrize("pixels", ["rgb48be", "rgba64be", "ya16be", "gray16be"])
+def test_no_bits_are_lost_in_any_format_of_pixels(tmp_path, pixels):
+    raw = ["-f", "rawvideo", "-pix_fmt", "gray16le", "-s", "32x24", "-i", "-"]
+    ffmpeg(*raw, "-c:v", "png", "-pix_fmt", pixels, tmp_path / "a.mov", input=GREY.tobytes())
+    difference = io.read(tmp_path / "a.mov")[0].astype(int) - GREY
+    assert np.abs(difference).max() <= 0.004 * GREY.max()  # ffmpeg rounds where it makes grey of colours
+
+
+def test_deep_films_are_known_by_the_names_of_their_pixels():
+    """The oracle is ffmpeg's own table: flags, name, components, bits of a pixel, bits of each component."""
+    command = [imageio_ffmpeg.get_ffmpeg_exe(), "-v", "error", "-pix_fmts"]
+    table = subprocess.run(command, capture_output=True, text=True).stdout.partition("-----\n")[2]
+    depths = {name: max(map(int, d[0].split("-"))) for _, name, _, _, *d in map(str.split, table.splitlines()) if d}
+    if not depths:
+        pytest.skip("this ffmpeg does not list depths")
+    for name, depth in depths.items():
+        if not name.startswith("bayer"):  # of which the table lists a share of the bits
+            assert bool(film.DEEP.search(name)) == (depth > 8), name
+
+
+@pytest.mark.parametrize("fps", [0.5, 1000, 12345])
+@pytest.mark.parametrize("suffix", ["mp4", "avi", "mkv", "mov"])
+def test_films_of_any_speed(tmp_path, fps, suffix):
+    io.write_video(tmp_path / f"a.{suffix}", VIEWS[0] / 4095, fps)
+    assert io.read(tmp_path / f"a.{suffix}").shape == VIEWS[0].shape
+
+
+@pytest.mark.parametrize("seconds", [0.3, 1.5])
+@pytest.mark.parametrize(
+    ("suffix", "codec"), [("mp4", "aac"), ("mov", "pcm_s16le"), ("avi", "mp3"), ("mkv", "libopus")]
+)
+def test_films_with_sound(tmp_path, suffix, codec, seconds):
+    """Sound may be shorter or longer than the film; of a film that is cut off nothing is read."""
+    io.write_video(tmp_path / "a.mp4", np.repeat(VIEWS[0], 2, 0) / 4095)
+    path = tmp_path / f"b.{suffix}"
+    sound = ["-f", "lavfi", "-t", seconds, "-i", "sine"]
+    ffmpeg("-i", tmp_path / "a.mp4", *sound, "-c:v", "copy", "-c:a", codec, path)
+    assert len(io.read(path)) == 10
+    whole = path.read_bytes()
+    for part in (0.3, 0.5, 0.7, 0.9):
+        path.write_bytes(whole[: int(part * len(whole))])
+        with contextlib.suppress(FormatError):
+            assert len(io.read(path)) == 10
+
+
+def test_a_film_with_subtitles_that_stay(tmp_path):
+    io.write_video(tmp_path / "a.mp4", VIEWS[0] / 4095)
+    (tmp_path / "a.srt").write_text("1\n00:00:00,000 --> 00:00:05,000\nwords\n")
+    ffmpeg("-i", tmp_path / "a.mp4", "-i", tmp_path / "a.srt", "-c:v", "copy", "-c:s", "srt", tmp_path / "b.mkv")
+    assert len(io.read(tmp_path / "b.mkv")) == 5
+
+
+def test_a_film_that_was_trimmed_without_coding_it_anew(tmp_path):
+    """The frames from the cut on are read: those before it are hidden by an edit list."""
+    levels = 20 * np.arange(10) + 10
+    io.write(tmp_path / "a.mp4", np.broadcast_to(levels[:, None, None], (10, 16, 24)).astype(np.uint8))
+    ffmpeg("-ss", "0.41", "-i", tmp_path / "a.mp4", "-c", "copy", tmp_path / "b.mp4")
+    read = io.read(tmp_path / "b.mp4").mean((1, 2))
+    assert np.abs(read - levels[-len(read) :]).max() < 3
+    assert len(read) in (5, 6)
+
+
 @pytest.mark.parametrize("times", ["(N+N*N/3)*100", "if(lt(N,5),N*100,500+(N-5)*4)", "3000+N*100"])
 @pytest.mark.parametrize("suffix", [".mp4", ".mkv"])
 def test_all_frames_of_any_times(tmp_path, times, suffix):
@@ -147,7 +293,8 @@ def test_parts_in_other_files(tmp_path):
         io.read_measurement(tmp_path / "whole.h5")
 
 
-def test_ome_tiff_of_which_a_file_is_missing(tmp_path):
+@pytest.mark.parametrize("compression", [None, "tiff_lzw"])
+def test_ome_tiff_of_which_a_file_is_missing(tmp_path, compression):
     uuid = [f"urn:uuid:00000000-0000-0000-0000-00000000000{i}" for i in range(2)]
     planes = "".join(
         f'<TiffData FirstT="{t}" IFD="0" PlaneCount="1"><UUID FileName="m_{t}.ome.tif">{uuid[t]}</UUID></TiffData>'
@@ -159,7 +306,7 @@ def test_ome_tiff_of_which_a_file_is_missing(tmp_path):
             '<Pixels ID="Pixels:0" DimensionOrder="XYCZT" SizeC="1" SizeT="2" SizeX="32" SizeY="24" SizeZ="1" '
             f'Type="uint16">{planes}</Pixels></Image></OME>'
         )
-        tifffile.imwrite(tmp_path / f"m_{i}.ome.tif", GREY + i, description=xml, metadata=None)
+        pillow_tiff(tmp_path / f"m_{i}.ome.tif", [GREY + i], compression, xml)
     np.testing.assert_array_equal(io.read(tmp_path / "m_0.ome.tif"), [GREY, GREY + 1])
     (tmp_path / "m_1.ome.tif").unlink()
     with pytest.raises(FormatError, match="in other files, which are not there"):
@@ -174,9 +321,155 @@ def test_a_folder_with_what_others_left_in_it(tmp_path):
     assert io.read(tmp_path)[:, 0, 0].tolist() == [1, 2, 10]
 
 
-def test_tiff_with_lzw(tmp_path):
-    Image.fromarray(GREY).save(tmp_path / "a.tif", compression="tiff_lzw")
+@pytest.mark.parametrize(
+    ("names", "said"),
+    [
+        (["f_1.png", "f_2.png", "f_3.jpg"], "left out: f_3.jpg"),
+        (
+            ["f_001.png", "f_002.png", "f_004.png", "f_005.png"],
+            "numbers are missing in the names of its pictures: 1 of 5",
+        ),
+        (["10.png", "20.png", "40.png", "50.png"], "1 of 5"),
+        (["t0.5.png", "t0.10.png", "t0.75.png"], "equally many digits"),
+        (["t0.05.png", "t0.10.png", "t0.15.png"], None),
+        (["1.png", "2.png", "3.png"], None),
+        (["8.tif", "9.tif", "10.tif"], None),
+        (["t17.png", "t33.png", "t50.png", "t67.png"], None),  # times in milliseconds
+        (["a1_b1.png", "a1_b2.png", "a2_b1.png", "a2_b3.png"], None),
+        (["left.png", "right.png"], None),
+    ],
+)
+def test_what_a_folder_of_frames_seems_to_lack_is_said(tmp_path, caplog, names, said):
+    for name in names:
+        Image.fromarray(GREY).save(tmp_path / name) if not name.endswith("jpg") else (tmp_path / name).touch()
+    assert len(io.read(tmp_path)) == sum(not name.endswith("jpg") for name in names)
+    assert said in caplog.text if said else not caplog.text
+
+
+def test_a_pipe_is_refused(tmp_path):
+    if not hasattr(os, "mkfifo"):
+        pytest.skip("no pipes with names")
+    os.mkfifo(tmp_path / "a.npz")
+    with pytest.raises(FormatError, match="is a pipe"):
+        io.read(tmp_path / "a.npz")
+
+
+def pillow_tiff(path, pages, compression=None, about=None, photometric=None):
+    """Pages by Pillow, which knows LZW, with the description of other software."""
+    tags = {270: about, 262: photometric}
+    options = {"compression": compression, "tiffinfo": {tag: value for tag, value in tags.items() if value is not None}}
+    first, *rest = map(Image.fromarray, pages)
+    first.save(path, save_all=True, append_images=rest, **options)
+
+
+@pytest.mark.parametrize("compression", [None, "tiff_lzw", "tiff_deflate"])
+def test_tiff_with_a_compression(tmp_path, compression):
+    pillow_tiff(tmp_path / "a.tif", [GREY], compression)
     np.testing.assert_array_equal(io.read(tmp_path / "a.tif"), GREY)
+
+
+@pytest.mark.parametrize("compression", [None, "tiff_lzw"])
+@pytest.mark.parametrize("axes", ["TCYX", "ZCYX", "CTYX", "CZYX", "ZTCYX", "TZCYX"])
+@pytest.mark.parametrize("kind", ["ome", "imagej"])
+def test_channels_are_views_and_times_or_slices_frames(tmp_path, kind, axes, compression):
+    """Whatever the order in which other software stores them, and the compression."""
+    if kind == "imagej" and axes not in ("TCYX", "ZCYX", "TZCYX"):
+        pytest.skip("ImageJ has the order TZCYX")
+    stack = VIEWS if axes[0] == "C" else VIEWS.swapaxes(0, 1)
+    stack = stack if len(axes) == 4 else stack[:, None] if axes[0] == "T" else stack[None]
+    whole, path = tmp_path / "whole.ome.tif", tmp_path / "a.ome.tif"
+    tifffile.imwrite(whole, stack, **{kind: True}, metadata={"axes": axes})
+    with tifffile.TiffFile(whole) as file:
+        about = file.pages[0].description
+    pillow_tiff(path, stack.reshape(-1, 24, 32), compression, about)
+    for written in (whole, path):
+        np.testing.assert_array_equal(io.read_masks(written), VIEWS)
+
+
+@pytest.mark.parametrize("compression", [None, "tiff_lzw", "tiff_deflate", "group4"])
+@pytest.mark.parametrize("dtype", [bool, np.uint8, np.uint16])
+def test_white_is_the_largest_value(tmp_path, dtype, compression):
+    """A TIFF may store 0 for white (MinIsWhite): what is read is as displayed, whatever the compression."""
+    if compression == "group4" and dtype is not bool:
+        pytest.skip("group 4 is for two levels")
+    stored = GREY > 2048 if dtype is bool else (GREY >> 4).astype(dtype)
+    white = stored if dtype is np.uint16 else ~stored  # Pillow takes values as displayed, those of 16 bits as stored
+    pillow_tiff(tmp_path / "a.tif", [white], compression, photometric=0)
+    with tifffile.TiffFile(tmp_path / "a.tif") as file:
+        assert file.pages[0].photometric == 0
+    np.testing.assert_array_equal(io.read(tmp_path / "a.tif"), ~stored)
+
+
+def tiff_of_twelve_bits(path, samples, order="<"):
+    """Two samples in three bytes, as cameras write Mono12p."""
+    first, second = samples.reshape(-1, 2).T.astype(np.uint32)
+    data = np.stack([first >> 4, (first & 15) << 4 | second >> 8, second & 255], 1).astype(np.uint8).tobytes()
+    rows, columns = samples.shape
+    sizes = [(256, columns), (257, rows), (258, 12), (259, 1), (262, 1), (273, 8), (277, 1), (278, rows)]
+    tags = [*sizes, (279, len(data))]
+    directory = struct.pack(f"{order}H", len(tags)) + b"".join(struct.pack(f"{order}HHII", t, 4, 1, v) for t, v in tags)
+    mark = b"II*\0" if order == "<" else b"MM\0*"
+    path.write_bytes(mark + struct.pack(f"{order}I", 8 + len(data)) + data + directory + bytes(4))
+
+
+def test_tiff_of_twelve_bits(tmp_path):
+    tiff_of_twelve_bits(tmp_path / "a.tif", GREY)
+    np.testing.assert_array_equal(io.read(tmp_path / "a.tif"), GREY)
+
+
+def test_a_package_that_is_missing_for_a_tiff_is_named(tmp_path):
+    tiff_of_twelve_bits(tmp_path / "a.tif", GREY, ">")  # Pillow knows the other order of bytes only
+    with contextlib.suppress(ImportError):
+        import imagecodecs  # noqa: F401
+
+        pytest.skip("imagecodecs is installed")
+    with pytest.raises(FormatError, match="pip install imagecodecs"):
+        io.read(tmp_path / "a.tif")
+
+
+@pytest.mark.parametrize("planar", ["contig", "separate"])
+def test_grey_and_colour_tiff(tmp_path, planar):
+    """Colours that are grey are one plane, others need colour=True; transparency is dropped."""
+    frames = np.stack([VIEWS[0], VIEWS[0] // 2, VIEWS[0] // 3], -1)
+    options = {"photometric": "rgb", "planarconfig": planar}
+    for name, content in {"colour": frames, "grey": np.repeat(frames[..., :1], 3, -1)}.items():
+        stored = content if planar == "contig" else np.moveaxis(content, -1, 1)
+        tifffile.imwrite(tmp_path / f"{name}.tif", stored, **options)
+        np.testing.assert_array_equal(io.read_video(tmp_path / f"{name}.tif", colour=True)[0], content)
+    np.testing.assert_array_equal(io.read(tmp_path / "grey.tif"), VIEWS[0])
+    with pytest.raises(FormatError, match=r"colour\.tif: a colour picture came"):
+        io.read(tmp_path / "colour.tif")
+
+
+def test_a_grey_tiff_with_transparency(tmp_path):
+    samples = np.stack([GREY, np.full_like(GREY, 65535)], -1)
+    tifffile.imwrite(tmp_path / "a.tif", samples, photometric="minisblack", extrasamples=["unassalpha"])
+    np.testing.assert_array_equal(io.read(tmp_path / "a.tif"), GREY)
+
+
+@pytest.mark.parametrize("kind", ["png", "tif"])
+def test_a_folder_of_colour_pictures(tmp_path, kind):
+    frames = np.stack([GREY, GREY // 2, GREY // 3], -1)[None] // np.arange(16, 19)[:, None, None, None]
+    frames = frames.astype(np.uint8)
+    for n, frame in enumerate(frames):
+        Image.fromarray(frame).save(tmp_path / f"{n}.{kind}")
+    np.testing.assert_array_equal(io.read_video(tmp_path, colour=True)[0], frames)
+    with pytest.raises(FormatError, match="a colour picture came"):
+        io.read_video(tmp_path)
+
+
+def test_colours_of_sixteen_bits(tmp_path):
+    frame = np.stack([GREY, GREY // 2, GREY // 3], -1)
+    png(tmp_path / "0.png", 2, frame)
+    np.testing.assert_array_equal(io.read_video(tmp_path, colour=True)[0, 0], frame)
+
+
+@pytest.mark.parametrize("channels", [1, 3])
+def test_an_animated_png_is_a_film(tmp_path, channels):
+    frames = (VIEWS[0] >> 4).astype(np.uint8)
+    first, *rest = (Image.fromarray(frame if channels == 1 else np.stack([frame] * 3, -1)) for frame in frames)
+    first.save(tmp_path / "a.png", save_all=True, append_images=rest)
+    np.testing.assert_array_equal(io.read_masks(tmp_path / "a.png")[0], frames)
 
 
 def test_objects_beside_arrays_in_npz(tmp_path):

@@ -4,6 +4,7 @@ import json
 import os
 import pickle
 import zipfile
+from dataclasses import replace
 
 import h5py
 import numpy as np
@@ -131,6 +132,19 @@ def test_damaged_and_foreign_files_are_refused(tmp_path, suffix):
         Result.load(path)
     with pytest.raises(FileNotFoundError, match="no such file"):
         Result.load(tmp_path / f"none.{suffix}")
+
+
+@pytest.mark.parametrize("chunk", ["video/c/0/1/0/0", "history/c/0/0", "uncertainty/c/0/0/0/0"])
+def test_a_store_without_all_its_chunks_is_refused(tmp_path, chunk):
+    """Zarr reads zeros for a chunk that is not there: those that are zero are written, too."""
+    path = tmp_path / "r.zarr"
+    result = make()
+    result = replace(result, x=np.zeros_like(result.x), uncertainty=np.zeros_like(result.x))
+    result.save(path)
+    assert not Result.load(path).x.any()
+    (path / chunk).unlink()
+    with pytest.raises(FormatError, match=rf"1 of the \d chunks of {chunk.partition('/')[0]} are missing"):
+        Result.load(path)
 
 
 def test_other_suffixes_are_refused_before_anything_is_written(tmp_path):
