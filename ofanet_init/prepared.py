@@ -83,7 +83,9 @@ def tensors(
 def in_units_of(problem: Problem, video: torch.Tensor) -> np.ndarray:
     """A network's video (1, V, B, H, W) as an array (V, B, H, W) in the problem's units, with its frames only."""
     views, frames = problem.op.shape[:2]
-    return (taken(video, (views, frames))[0].float().cpu().numpy() / np.float32(TUNED.brightness)).astype(problem.op.dtype)
+    return (taken(video, (views, frames))[0].float().cpu().numpy() / np.float32(TUNED.brightness)).astype(
+        problem.op.dtype
+    )
 
 
 def projected(problem: Problem, video: np.ndarray) -> np.ndarray:

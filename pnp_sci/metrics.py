@@ -23,7 +23,8 @@ def psnr(x: Any, reference: Any, peak: float | None = None) -> Any:
     reference : array_like, same shape
         Values in [0, peak].
     peak : float, optional
-        The value of white in both, > 0. By default that of their types: 255 of uint8, 65535 of uint16, 1 of floats.
+        The value of white in both, > 0. By default 1 of floats, 255 of uint8; of uint16 that of
+        the fewest bits that hold `reference`: 1023, 4095, 16383 or 65535.
 
     Returns
     -------
@@ -33,7 +34,7 @@ def psnr(x: Any, reference: Any, peak: float | None = None) -> Any:
     Raises
     ------
     InputError, InputTypeError
-        If the shapes or the types' values of white differ, values are masked or not real, or `reference` has values
+        If the shapes or, without `peak`, the types differ, values are masked or not real, or `reference` has values
         outside [0, peak].
 
     Examples
@@ -55,7 +56,8 @@ def ssim(x: Any, reference: Any, peak: float | None = None) -> Any:
     reference : array_like, same shape
         Values in [0, peak].
     peak : float, optional
-        The value of white in both, > 0. By default that of their types: 255 of uint8, 65535 of uint16, 1 of floats.
+        The value of white in both, > 0. By default 1 of floats, 255 of uint8; of uint16 that of
+        the fewest bits that hold `reference`: 1023, 4095, 16383 or 65535.
 
     Returns
     -------
@@ -66,7 +68,7 @@ def ssim(x: Any, reference: Any, peak: float | None = None) -> Any:
     Raises
     ------
     InputError, InputTypeError
-        If the shapes or the types' values of white differ, values are masked or not real, or `reference` has values
+        If the shapes or, without `peak`, the types differ, values are masked or not real, or `reference` has values
         outside [0, peak].
 
     References
@@ -103,12 +105,14 @@ def _per_view(score: Callable[[np.ndarray, np.ndarray], float], x: Any, referenc
 
 
 def _white(x: np.ndarray, reference: np.ndarray) -> float:
-    """The value of white of both types."""
-    of_x, peak = white("x", x.dtype), white("reference", reference.dtype)
-    if of_x != peak:
+    """The value of white of the reference, if x is of such a type: 1 of floats, whatever x reaches."""
+    if x.dtype.kind in "fb" and reference.dtype.kind in "fb":
+        return 1.0
+    peak = white("reference", reference.dtype, float(reference.max()))
+    if x.dtype.name != reference.dtype.name:  # in any byte order
         raise InputError(
-            f"x has dtype {x.dtype}, where white is {of_x:g}, and reference {reference.dtype}, where it is {peak:g}: "
-            "the same was expected; peak= says what is white in both"
+            f"x has dtype {x.dtype} and reference {reference.dtype}, where white is {peak:g}: the same dtype was "
+            "expected; peak= says what is white in both"
         )
     return peak
 

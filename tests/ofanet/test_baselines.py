@@ -126,8 +126,8 @@ def test_solvers_start_from_it(folder, model):
 @pytest.mark.parametrize("model", MODELS)
 def test_what_cannot_be_decoded(folder, model):
     y, masks = case()
-    with pytest.raises(InputError, match=r"masks has 2 x 3 frames: .* has weights for 2 x 4 .*--model " + model):
-        pnp_sci.decode(y, masks[:, :3], model=model)
+    with pytest.raises(InputError, match=r"masks has 2 x 1 frames: .* has weights for 2 x 4 .*--model " + model):
+        pnp_sci.decode(y, masks[:, :1], model=model)
     with pytest.raises(InputError, match="masks has negative values"):
         pnp_sci.decode(y, -masks, model=model)
 

@@ -194,7 +194,7 @@ strong = Strong()
 
 @pytest.mark.parametrize(
     ("frames", "prior", "lowest", "init"),
-    [(4, strong, 0, "ofanet-fast"), (4, "tv", 0, "adjoint"), (3, strong, 0, "adjoint"), (4, strong, -1, "adjoint")],
+    [(4, strong, 0, "ofanet-fast"), (4, "tv", 0, "adjoint"), (5, strong, 0, "adjoint"), (4, strong, -1, "adjoint")],
     ids=["strong prior", "another", "no weights", "masks that the network cannot take"],
 )
 def test_first_estimate_that_is_chosen(trained, frames, prior, lowest, init):

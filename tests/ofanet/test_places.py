@@ -1,5 +1,6 @@
 """Frames of a measurement at their places in a network for more frames."""
 
+import numpy as np
 import pytest
 from hypothesis import assume, given
 from hypothesis import strategies as st
@@ -19,7 +20,8 @@ def test_each_frame_has_a_place_of_its_own_if_there_are_enough(given_size, views
     if where is not None:
         assert len(set(where)) == given_size[0] * given_size[1]
         assert 0 <= min(where) <= max(where) < views * frames
-        owners = [{place // frames for place in where[v * given_size[1] :][: given_size[1]]} for v in range(given_size[0])]
+        views_of = np.reshape(where, given_size) // frames
+        owners = [set(row) for row in views_of.tolist()]
         assert sum(map(len, owners)) == len(set().union(*owners)), "no two views share a view of the network"
 
 

@@ -85,6 +85,6 @@ def test_the_types_say_what_is_white(score, dtype, pair):
     scaled = [video / most for video in counts]
     assert score(*counts) == pytest.approx(score(*scaled))
     for mixed in ((counts[0], scaled[1]), (scaled[0], counts[1])):
-        with pytest.raises(InputError, match=f"where white is .*{most}.*peak="):
+        with pytest.raises(InputError, match="the same dtype was expected; peak="):
             score(*mixed)
     assert score(counts[0].astype(float), counts[1], peak=most) == pytest.approx(score(*scaled))
