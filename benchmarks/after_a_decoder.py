@@ -1,13 +1,14 @@
 """Whether a strong prior needs a warm-up after a decoder: PSNR in dB by noise of max(y), mean over validation clips.
 
-PNP_SCI_DATA=DIR python benchmarks/after_a_decoder.py
+PNP_SCI_DATA=DIR python benchmarks/after_a_decoder.py [VxB ...]
 
-Crops of 128 x 128 pixels, one view of 8 frames and two of 10. "adjoint" and "given" begin with total variation: "given"
-from the decoder's video as an array, which solve() cannot tell from any other estimate. "named" begins with the prior;
-with noise the decoder has its share of the result.
+Crops of 128 x 128 pixels, by default of one view of 8 frames and two views of 10. "adjoint" and "given" begin with
+total variation: "given" from the decoder's video as an array, which solve() cannot tell from any other estimate.
+"named" begins with the prior; with noise the decoder has its share of the result.
 """
 
 import os
+import sys
 from pathlib import Path
 
 import numpy as np
@@ -33,8 +34,9 @@ def middle(clip, frames):
 
 
 def main():
+    setups = [tuple(map(int, given.split("x"))) for given in sys.argv[1:]] or [(1, 8), (2, 10)]
     print("| scene | prior | noise | adjoint | given | named |\n|---|---|---|---|---|---|")
-    for views, frames in ((1, 8), (2, 10)):
+    for views, frames in setups:
         masks = pnp_sci.moving_masks((views, frames, SIZE, SIZE), seed=3)
         truths = list(scenes(views, frames))
         for prior in ("flow", "video"):

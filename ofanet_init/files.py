@@ -24,7 +24,7 @@ MODELS: dict[str, tuple[Any, Any]] = {  # name -> network, its configuration
 }
 
 
-def path(model: str, views: int, frames: int) -> Path:
+def place(model: str, views: int, frames: int) -> Path:
     """Where the weights of a network for V and B are."""
     return FOLDER / f"{_prefix(model)}v{views}b{frames}.safetensors"
 

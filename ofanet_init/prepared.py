@@ -31,7 +31,6 @@ TUNED = DecoderNumbers()
 EMPTY = 0.5  # largest part of a network's places without a frame: what it decodes with more is far from the scene
 
 
-@cache
 def trained(model: str, views: int, frames: int, device: torch.device) -> Any:
     """The network `model` of this package for V and B, or the smallest for more frames, ready on a device.
 
@@ -50,7 +49,12 @@ def trained(model: str, views: int, frames: int, device: torch.device) -> Any:
             f"which serve down to half as many frames; "
             f"others can be trained with 'python -m ofanet_init.train --model {model}'"
         )
-    return ready(_weights.load(_weights.path(model, *min(fitting, key=math.prod)), model)[0], device)
+    return _loaded(model, *min(fitting, key=math.prod), device)
+
+
+@cache
+def _loaded(model: str, views: int, frames: int, device: torch.device) -> Any:
+    return ready(_weights.load(_weights.place(model, views, frames), model)[0], device)
 
 
 def network_for(model: str, problem: Problem, device: torch.device) -> Any:

@@ -217,7 +217,8 @@ def _find(path: Path, kind: str, key: str | None, colour: bool = False) -> tuple
     if not candidates and len(arrays) == 1:
         candidates = [name for name in arrays if _field(name) not in others]
     name, array = _chosen(path, arrays, candidates, key, kind)
-    if _doubtful(path, name, array.shape[:-1] if colour else array.shape):
+    colours = (-3 if path.suffix.lower() in _formats.MAT else -1,) if colour else ()
+    if _doubtful(path, name, tuple(np.delete(array.shape, colours).tolist())):
         raise FormatError(
             f"{path}: {name} has shape {array.shape} with planes first, but its square frames indicate another order "
             "of axes: write it again with planes last in a MAT-file, or first in any other. If planes do come first, "
@@ -294,6 +295,9 @@ def _meaning(key: str, array: np.ndarray) -> str:
     if array.ndim not in (2, 3, 4, 5) or min(array.shape[-2:]) < 2:
         return "not a picture"
     size = f"{array.shape[-2]} x {array.shape[-1]}"
+    if array.ndim == 5 and array.shape[-1] == 3:
+        views, frames, rows, columns, _ = array.shape
+        return f"{kind or 'frames'}: {views} views x {frames} frames of {rows} x {columns} in colour"
     if array.ndim == 5:
         return f"{kind or 'frames'} of {len(array)} measurements, each {array.shape[1]} x {array.shape[2]} of {size}"
     if array.ndim == 4:

@@ -23,8 +23,7 @@ def psnr(x: Any, reference: Any, peak: float | None = None) -> Any:
     reference : array_like, same shape
         Values in [0, peak].
     peak : float, optional
-        The value of white in both, > 0. By default 1 of floats, 255 of uint8; of uint16 that of
-        the fewest bits that hold `reference`: 1023, 4095, 16383 or 65535.
+        The value of white in both, > 0. By default 1 of floats and 255 of uint8; needed for uint16.
 
     Returns
     -------
@@ -56,8 +55,7 @@ def ssim(x: Any, reference: Any, peak: float | None = None) -> Any:
     reference : array_like, same shape
         Values in [0, peak].
     peak : float, optional
-        The value of white in both, > 0. By default 1 of floats, 255 of uint8; of uint16 that of
-        the fewest bits that hold `reference`: 1023, 4095, 16383 or 65535.
+        The value of white in both, > 0. By default 1 of floats and 255 of uint8; needed for uint16.
 
     Returns
     -------
@@ -108,7 +106,9 @@ def _white(x: np.ndarray, reference: np.ndarray) -> float:
     """The value of white of the reference, if x is of such a type: 1 of floats, whatever x reaches."""
     if x.dtype.kind in "fb" and reference.dtype.kind in "fb":
         return 1.0
-    peak = white("reference", reference.dtype, float(reference.max()))
+    if "uint16" in (x.dtype.name, reference.dtype.name):
+        raise InputError("x or reference is of uint16, which holds 10 to 16 bits: peak= says what is white")
+    peak = white("reference", reference.dtype, 1.0)
     if x.dtype.name != reference.dtype.name:  # in any byte order
         raise InputError(
             f"x has dtype {x.dtype} and reference {reference.dtype}, where white is {peak:g}: the same dtype was "

@@ -7,6 +7,7 @@ import numpy as np
 BRIGHT = 0.95  # quantile of y: a group is brighter than most of the picture
 SHARP = 1.5  # ratio of the darkest pixel of a group to the brightest around it
 MOST, EQUAL = 0.75, 0.005  # quantile, and how near to the largest value it must not be, as part of the mean
+SOLID = 0.9  # part of its rectangle that a group fills; what moves behind masks fills about their density
 FEWEST = 9  # pixels: fewer do not tell whether they follow the masks
 HALF = 0.5  # of the light: a group of which less follows the masks is none of the scene
 LIKELY = 3.0  # standard errors, beside a limit that is far from what light does
@@ -29,7 +30,7 @@ def hot_groups(y: np.ndarray, masks: np.ndarray, usable: np.ndarray) -> np.ndarr
     >>> int(hot.sum()), int(hot[:, 20:22].sum())
     (128, 128)
     """
-    from scipy.ndimage import label, maximum, maximum_filter, minimum
+    from scipy.ndimage import find_objects, label, maximum, maximum_filter, minimum
 
     hot = np.zeros(y.shape, bool)
     level = np.quantile(y[usable], BRIGHT) if usable.any() else 0.0
@@ -40,7 +41,9 @@ def hot_groups(y: np.ndarray, masks: np.ndarray, usable: np.ndarray) -> np.ndarr
     numbers = np.arange(1, labels.max() + 1)
     around = maximum_filter(np.where(bright, 0, y), 5)
     sharp = minimum(y, labels, numbers) > SHARP * maximum(around, labels, numbers)
-    for number in numbers[sharp & (np.bincount(labels.flat)[1:] >= FEWEST)]:
+    counts, boxes = np.bincount(labels.flat)[1:], find_objects(labels)
+    solid = counts >= SOLID * np.array([labels[box].size for box in boxes])
+    for number in numbers[sharp & solid & (counts >= FEWEST)]:
         group = labels == number
         frames = masks[:, :, group].astype(np.float32)
         lights = (frames.sum((0, 1)), *frames.sum(1), *frames.reshape(-1, frames.shape[-1]))

@@ -91,7 +91,7 @@ def beyond_tail(values: np.ndarray, count: int, by_chance: float = BY_CHANCE) ->
 def _stuck(y: np.ndarray, weight: np.ndarray, usable: np.ndarray, value: float) -> np.ndarray:
     """Usable pixels that are exactly `value` where more is expected than in any other pixel that is about as dark.
 
-    Negative values are no light that happens to be equal: if most of several such pixels are found, all of them are.
+    Equal negative values do not occur by chance: if most of several such pixels are found, all of them are.
     """
     usable = usable & (weight > 0)
     others, stuck = usable & (y != value), usable & (y == value)

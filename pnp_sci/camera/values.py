@@ -11,6 +11,7 @@ from pnp_sci.sensing.sensor import Sensor
 MOST = 0.9  # of the pixels of a pile: if so many are known to be saturated, the full scale is right
 BEYOND = 1.5  # of the full scale: values that are larger have other units
 HARMFUL = {"hot": 1e-2, "dead": 2e-3}  # of the energy of y: outliers of that much are worth a warning
+FEWEST = 25  # values: fewer do not tell how much y varies
 LOUD = 3.0  # standard deviations of y: noise above that is impossible, also where y is clipped at 0
 BELOW = 0.5  # standard deviations of y: so far below 0 no mean of noise is
 NOISE = 0.01  # of the sum of magnitudes: so much is negative by noise, much more of light through masks about 0
@@ -62,7 +63,7 @@ def saturation(y, low, top, sensor, saturated) -> list[Finding]:
 
 def loud(y: np.ndarray, sensor: Sensor) -> list[Finding]:
     """The finding of noise that is far more than values y (N,) vary."""
-    if sensor.read_noise == "auto" or y.size == 0:
+    if sensor.read_noise == "auto" or y.size < FEWEST:
         return []
     noise = float(np.hypot(sensor.read_noise, np.sqrt(sensor.gain * max(float(y.mean()), 0.0))))
     spread = float(y.std())

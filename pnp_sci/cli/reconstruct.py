@@ -72,10 +72,11 @@ def reconstruct(
     prior_options, staged = pairs(options), stages(prior)
     sensor = camera(noise, gain, full_scale, bits)
     import pnp_sci
+    from pnp_sci.formats.arrays import CONTAINERS
 
     for option, file in (("--masks", masks_file), ("--bad", Path(bad or "auto"))):
         among = file.is_file() and any(file.resolve().parent == place.resolve() for place in source)
-        if among and len(pnp_sci.io.describe(file)) == 1:
+        if among and not (file.suffix.lower() in CONTAINERS and len(pnp_sci.io.describe(file)) > 1):
             came = f"{option} {file} is in the folder of the measurements, where each file counts as one"
             raise click.UsageError(f"{came}: keep it elsewhere")
     with _estimates_shown():

@@ -102,7 +102,7 @@ def solve(
         y = made.correct(y)
         if isinstance(unused, np.ndarray) and unused.shape != y.shape[-2:]:
             unused = made.cropped("bad", unused)
-    elif masks_file is not None and {"dark", "bad", "crop"} <= {entry.key for entry in io.describe(masks_file)}:
+    elif masks_file is not None and _is_calibration(masks_file):
         left = f"the dark frame and the bad pixels of {masks_file} are not used"
         click.echo(f"Warning: --masks takes the masks only, {left}: --calibration takes all", err=True)
     shape, colour, count = masks.shape[-4:], settings["mosaic"] is not None, len(y) if y.ndim == 3 else None
@@ -129,3 +129,12 @@ def solve(
     print_scores(result.x, truth, peak, colour)
     click.echo(f"Written: {', '.join(written)}")
     result.raise_for_status()
+
+
+def _is_calibration(path: Path) -> bool:
+    """Whether a file of masks holds what `Calibration.save` writes."""
+    from pnp_sci import io
+    from pnp_sci.formats.arrays import CONTAINERS
+
+    keys = {entry.key for entry in io.describe(path)} if path.suffix.lower() in CONTAINERS else set()
+    return {"dark", "bad", "crop"} <= keys

@@ -12,6 +12,7 @@ import numpy as np
 
 from pnp_sci.errors import FormatError
 from pnp_sci.formats.hdf5 import opened, others_of
+from pnp_sci.formats.tiff import check_as_displayed, decoding
 from pnp_sci.formats.zarr import library
 
 _log = logging.getLogger("pnp_sci")
@@ -137,11 +138,6 @@ def _warn_of_gaps(path: Path, array: Any) -> None:
         _log.warning(said, path, gaps, array.nchunks, array.fill_value)
 
 
-def is_zarr(path: Path) -> bool:
-    """Whether a folder is an array or a group of zarr."""
-    return any((path / name).is_file() for name in ("zarr.json", ".zarray", ".zgroup"))
-
-
 def of_zarr(source: Any) -> Zarr | None:
     """The reader of an open array that is in a folder; None of anything else."""
     place: Any = getattr(source, "store_path", None)
@@ -197,6 +193,7 @@ def tiff(path: Path, key: str | None) -> tuple[Head, Stack | Pages]:
 
     with tifffile.TiffFile(path) as file:
         series: Any = file.series[0]
+        check_as_displayed(path, series.keyframe)
         if len(file.series) == 1 and series.dataoffset is not None and "S" not in series.axes:
             stack = tifffile.memmap(path, mode="r")
             head = Head((stack.size // int(np.prod(stack.shape[-2:])), *stack.shape[-2:]), stack.dtype)
@@ -207,6 +204,8 @@ def tiff(path: Path, key: str | None) -> tuple[Head, Stack | Pages]:
         kinds = {(page.shape, page.dtype) for page in pages}
         if len(kinds) > 1 or len(pages[0].shape) != 2:
             raise FormatError(f"{path}: grey pictures of one size were expected")
+        with decoding(path):
+            pages[0].asarray()
         return Head((len(pages), *pages[0].shape), pages[0].dtype), Pages(path, elsewhere)
 
 

@@ -17,6 +17,7 @@ from pnp_sci.errors import FormatError, InputError, InputTypeError
 from pnp_sci.fleet import readers
 from pnp_sci.formats.arrays import READABLE
 from pnp_sci.formats.pictures import numbered
+from pnp_sci.formats.zarr import is_store
 
 Reader = Callable[[int, int], np.ndarray]
 SUFFIXES = {*readers.IN_PARTS, *READABLE}
@@ -96,7 +97,7 @@ def _measurements(name: str, array: Any, reader: Reader, travels: bool = True) -
 def _of_path(path: Path, key: str | None) -> Source:
     if not path.exists():
         raise FileNotFoundError(f"{path}: there is no such file or folder")
-    if path.is_dir() and not readers.is_zarr(path):
+    if path.is_dir() and not is_store(path):
         return _joined(_files_in(path), key)
     suffix = ".zarr" if path.is_dir() else path.suffix.lower()
     if suffix not in readers.IN_PARTS:

@@ -65,8 +65,10 @@ def solve_chunk(job_name: str, chunk: Chunk, y: np.ndarray | None, preview: bool
             around = job.around(chunk, preview)
             y = np.asarray(job.source.read(*around) if y is None else y)
             inside = slice(chunk.start - around.start, chunk.stop - around.start)
-            if not y[inside].any((1, 2)).all():
-                raise InputError("y is 0 everywhere: a part of its file may be missing")
+            black = [n for n in range(chunk.start, chunk.stop) if not y[n - around.start].any()]
+            nothing = InputError("y is 0 everywhere: a part of its file may be missing")
+            if len(black) == chunk.stop - chunk.start:
+                raise nothing
             if measure:
                 _reconstruct(job, y, preview, iterations=1)  # kernels and weights are loaded
                 warnings.clear()
@@ -87,7 +89,9 @@ def solve_chunk(job_name: str, chunk: Chunk, y: np.ndarray | None, preview: bool
     each |= {"result": result.settings}
     for n in range(chunk.start, chunk.stop):
         store.put_record(path, n, {"measurement": n} | _facts_of(result, y, n - around.start) | each)
-    return {"errors": 0, "seconds": seconds, "memory": peak_memory()}
+    for n in black:
+        put_failures(path, Chunk(n, n + 1), facts, nothing)
+    return {"errors": len(black), "seconds": seconds, "memory": peak_memory()}
 
 
 def _reconstruct(job: Job, y: np.ndarray, preview: bool, **more: Any) -> Result:

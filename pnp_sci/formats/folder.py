@@ -44,7 +44,8 @@ def _check_order(path: Path, files: list[Path]) -> None:
     """Warn of names that count with decimals in another order, and of gaps in names that count by one step."""
     decimal = [re.split(r"([0-9]+(?:\.[0-9]+)?)", file.name) for file in files]
     numbers = [[float(part) for part in parts[1::2]] for parts in decimal]
-    if len({tuple(parts[::2]) for parts in decimal}) == 1 and numbers != sorted(numbers):
+    alike = len({tuple(parts[::2]) for parts in decimal}) == 1 and len(numbers[0]) == 1  # more numbers may be a date
+    if alike and numbers != sorted(numbers):
         order = ", ".join(file.name for file in files[:3])
         _log.warning("%s: the order is %s, ...: give decimal numbers in names equally many digits", path, order)
     counted = [numbered(file) for file in files]

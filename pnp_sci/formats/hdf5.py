@@ -97,7 +97,9 @@ def _referred(path: Path, name: str, item: Any, cell: bool, above: tuple[Any, ..
     """The elements of a cell, stacked if they are arrays of one shape; or one field of an array of structs."""
     before, _, field = name.rpartition(".")
     names = [f"{name}[{n}]" if cell else f"{before}[{n}].{field}" for n in range(item.size)]
-    found = [list(_arrays(path, own, item.file[ref], True, above)) for own, ref in zip(names, item[()].ravel())]
+    found = [
+        list(_arrays(path, own, item.file[ref], True, above)) for own, ref in zip(names, np.transpose(item[()]).ravel())
+    ]
     arrays = [array for element in found for _, array in element]
     single = [own for own, element in zip(names, found) if [key for key, _ in element] == [own]]
     if cell and 0 < len(arrays) == len(single) == item.size and len({(a.shape, a.dtype) for a in arrays}) == 1:

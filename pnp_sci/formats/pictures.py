@@ -40,7 +40,7 @@ def of_samples(path: Path, picture: np.ndarray, colour: bool = False) -> np.ndar
 
 def load_png(path: Path, colour: bool = False) -> np.ndarray:
     """A picture (H, W) of 8 or 16 bits, in colour (H, W, 3); of an animated PNG all frames, (B, H, W)."""
-    frames = [of_samples(path, frame, colour) if frame.ndim == 3 else frame for frame in _frames_of_png(path)]
+    frames = [of_samples(path, f if f.ndim == 3 else f[..., None], colour) for f in _frames_of_png(path)]
     return np.stack(frames) if len(frames) > 1 else frames[0]
 
 

@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Iterator
+from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
 
@@ -12,7 +14,7 @@ from pnp_sci.errors import FormatError, InputError
 from pnp_sci.formats.pictures import of_samples
 
 CODECS = "imagecodecs"  # the package that tifffile asks for where a compression is not its own
-MIN_IS_WHITE = 0  # PhotometricInterpretation (TIFF 6.0)
+MIN_IS_WHITE, PALETTE = 0, 3  # PhotometricInterpretation (TIFF 6.0)
 
 
 def load(path: Path, colour: bool = False) -> dict[str, np.ndarray]:
@@ -44,6 +46,11 @@ def _values(path: Path, series: Any) -> np.ndarray:
             raise
         array = _by_pillow(path, series, str(error))
         inverted = inverted and array.dtype.itemsize > 1  # Pillow has inverted 8 bits and less
+    if series.keyframe.photometric == PALETTE:
+        red, green, blue = series.keyframe.colormap >> 8
+        if (red != green).any() or (red != blue).any():
+            raise FormatError(f"{path}: a palette of colours came, grey values were expected")
+        return red[array].astype(np.uint8)
     if inverted and array.dtype.kind in "bu":
         return ~array if array.dtype == bool else 2**series.keyframe.bitspersample - 1 - array
     return array
@@ -63,10 +70,33 @@ def _by_pillow(path: Path, series: Any, reason: str) -> np.ndarray:
             pages.append(np.array(files[place]))
         return np.stack(pages).reshape(series.shape)
     except (OSError, SyntaxError, TypeError, ValueError) as error:
-        raise FormatError(f"{path} needs the package {CODECS} (python -m pip install {CODECS}): {reason}") from error
+        raise _needs_codecs(path, reason) from error
     finally:
         for file in files.values():
             file.close()
+
+
+def _needs_codecs(path: Path, reason: str) -> FormatError:
+    return FormatError(f"{path} needs the package {CODECS} (python -m pip install {CODECS}): {reason}")
+
+
+def check_as_displayed(path: Path, page: Any) -> None:
+    """Raise a FormatError if the values of a page are not those that are displayed."""
+    if page.photometric in (MIN_IS_WHITE, PALETTE):
+        raise FormatError(
+            f"{path}: its values are not as displayed (palette, or 0 is white): write it anew as plain grey"
+        )
+
+
+@contextmanager
+def decoding(path: Path) -> Iterator[None]:
+    """Context in which a compression that tifffile does not know is a FormatError."""
+    try:
+        yield
+    except Exception as error:  # ValueError or NotImplementedError
+        if CODECS not in str(error):
+            raise
+        raise _needs_codecs(path, str(error)) from error
 
 
 def _samples_last(path: Path, array: np.ndarray, axes: str, colour: bool) -> tuple[np.ndarray, str]:

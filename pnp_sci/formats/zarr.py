@@ -40,7 +40,7 @@ def save(path: Path, arrays: Mapping[str, Named], texts: Mapping[str, Any]) -> N
             dtype=array.dtype,
             dimension_names=dims,
             fill_value=0,
-            config={"write_empty_chunks": True},  # a chunk that is not there is lost, not empty
+            config={"write_empty_chunks": True},  # all chunks are written: a missing one is an error
         )
         if array.size:
             made[...] = array

@@ -66,15 +66,15 @@ def first_estimate(
 ) -> Start:
     """The start that an `init` argument of :func:`pnp_sci.solve` stands for.
 
-    With `decode` "auto" is a quick decoder, where PyTorch and weights for such masks are installed. One that takes
-    a `device` runs there. In place of one that would miss the `deadline` comes "adjoint".
+    With `decode` "auto" is a quick decoder, where PyTorch and weights that serve such masks are installed. One that
+    takes a `device` runs there. In place of one that would miss the `deadline` comes "adjoint".
     """
     if isinstance(init, str) and init == "auto":
         try:
             return first_estimate(DECODER if decode else "adjoint", problem, scene, False, device, deadline)
         except FormatError:  # weights that are damaged
             raise
-        except InputError:  # not installed, or no weights for such masks
+        except InputError:  # not installed, or no weights that serve such masks
             return first_estimate("adjoint", problem, scene)
     if isinstance(init, str) and init == "adjoint":
         return Start(init, level(problem.op, problem.y))

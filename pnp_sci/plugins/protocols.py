@@ -135,6 +135,6 @@ class Decoder(Protocol):
         Raises
         ------
         InputError
-            If there are no weights for so many views and frames, a mask is negative, or the device cannot be used.
+            If no weights serve so many views and frames, a mask is negative, or the device cannot be used.
         """
         ...

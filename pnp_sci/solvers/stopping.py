@@ -114,11 +114,11 @@ def noise_floor(noise: float, y: Array) -> float:
 
 
 def explains(relative: float, floor: float) -> bool:
-    """Whether an estimate of this relative residual explains something of y, or that is noise, whose is the floor."""
+    """Whether an estimate explains something of y: its relative residual is below 0.9, or below that of the noise."""
     return relative < max(UNEXPLAINED, floor)
 
 
 def held(op: SensingOperator, y: np.ndarray) -> float:
-    """The length of x that y can hold: of an x that is 1 throughout, and of the smallest one that measures y."""
+    """Largest plausible length of x: of an x that is 1 throughout, and of the smallest one that measures y."""
     smallest = np.divide(np.square(y, dtype=np.float64), op.gram, out=np.zeros(y.shape), where=op.gram > 0)
     return math.sqrt(math.prod(op.shape) + smallest.sum())

@@ -109,3 +109,14 @@ def test_sharp_bright_light_makes_no_hot_groups(scene, name, make, frames):
     y = simulate(film, masks, 0.005)
     for seen in (y, np.minimum(y, 0.4 * y.max())):  # also by a camera that is saturated
         assert not hot_groups(seen, masks, np.ones(y.shape, bool)).any()
+
+
+@pytest.mark.parametrize("size", [4, 6, 9])
+@pytest.mark.parametrize("make", [random_masks, moving_masks])
+def test_small_bright_movers_make_no_hot_groups(make, size):
+    """Each pixel that a mover crosses is lit in another frame, so that they follow no mask."""
+    film, mover = np.full((1, 8, 96, 96), 0.03), np.random.default_rng(0).uniform(0.7, 1, (size, size))
+    for b in range(8):
+        film[0, b, 40 : 40 + size, 10 + b * size : 10 + (b + 1) * size] = mover
+    masks = make(film.shape, seed=2)
+    assert not hot_groups(simulate(film, masks, 0.005), masks, np.ones((96, 96), bool)).any()

@@ -124,6 +124,14 @@ def test_a_measurement_that_is_not_there_fails(client, tmp_path):
     assert np.isnan(videos.video(3)).all()
 
 
+def test_of_a_sequence_the_others_are_solved(client, tmp_path):
+    y, masks = capture()
+    y[2] = 0
+    videos = pnp_sci.reconstruct(y, masks, tmp_path / "v.zarr", client, sequence=4, **FAST)
+    assert [row["ok"] for row in videos.table()] == [True, True, False, True, True]
+    assert np.isnan(videos.video(2)).all()
+
+
 def test_masks_among_the_measurements_are_none(tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
     y, masks = capture()

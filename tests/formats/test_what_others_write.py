@@ -16,6 +16,7 @@ from PIL import Image
 
 from pnp_sci import Result, io
 from pnp_sci.errors import FormatError
+from pnp_sci.fleet.source import open_source
 from pnp_sci.formats import film
 from pnp_sci.results.history import History, Record, Status
 
@@ -106,6 +107,13 @@ def as_mixed_cells(file):
     references(file, "one", [Y], "cell")
 
 
+def as_table_of_cells(file):
+    hidden, made = file.require_group("#refs#"), file.create_dataset("cells", (3, 2), h5py.ref_dtype)
+    made.attrs["MATLAB_class"] = np.bytes_("cell")
+    for i, j in np.ndindex(2, 3):
+        made[j, i] = written(hidden, f"{i}{j}", Y.T + 10 * i + j).ref
+
+
 def as_texts(file):
     written(file, "name", np.array([[ord(letter)] for letter in "words"], np.uint16), "char", MATLAB_int_decode=2)
     written(file, "mask", MASKS.T.astype("u1"), "logical")
@@ -135,6 +143,7 @@ def cell(*parts):
 V5 = {
     as_struct_array: {"data": np.array([[(Y, "one"), (Y[:3], "two")]], [("meas", object), ("name", object)])},
     as_mixed_cells: {"mixed": cell(Y, "words", Y[:3]), "one": cell(Y)},
+    as_table_of_cells: {"cells": np.fromfunction(np.frompyfunc(lambda i, j: Y + 10 * i + j, 2, 1), (2, 3))},
     as_texts: {"name": "words", "mask": MASKS},
     as_sparse: {
         "few": scipy.sparse.csc_array(np.where(Y > 0.9, Y, 0)),
@@ -538,3 +547,27 @@ def test_no_room_for_what_is_read_is_said(tmp_path):
     done = subprocess.run([sys.executable, "-c", code, tmp_path / "a.h5"], capture_output=True, text=True)
     assert resource
     assert "no room for its arrays" in done.stderr
+
+
+def test_a_folder_of_grey_pictures_in_colour(tmp_path):
+    for n in range(3):
+        Image.fromarray((GREY >> 4).astype(np.uint8) // (n + 1)).save(tmp_path / f"{n}.png")
+    colour, grey = io.read_video(tmp_path, colour=True), io.read_video(tmp_path)
+    np.testing.assert_array_equal(colour, np.repeat(grey[..., None], 3, -1))
+
+
+def test_a_colour_film_in_a_mat_file_as_long_as_it_is_high(tmp_path):
+    video = np.random.default_rng(0).random((16, 16, 12, 3))
+    scipy.io.savemat(tmp_path / "a.mat", {"x": video.transpose(1, 2, 3, 0)})
+    np.testing.assert_array_equal(io.read_video(tmp_path / "a.mat", colour=True)[0], video)
+
+
+@pytest.mark.parametrize("ramp", [1, -1])
+def test_grey_palettes_are_read_as_displayed(tmp_path, ramp):
+    picture = Image.fromarray((GREY >> 4).astype(np.uint8), "P")
+    picture.putpalette(np.repeat(np.arange(256)[::ramp], 3).astype(np.uint8).tobytes())
+    for kind in ("tif", "png"):
+        picture.save(tmp_path / f"a.{kind}")
+        np.testing.assert_array_equal(io.read(tmp_path / f"a.{kind}"), np.asarray(picture.convert("L")))
+    with pytest.raises(FormatError, match="its values are not as displayed"):
+        open_source(tmp_path / "a.tif")

@@ -40,9 +40,9 @@ def folder(tmp_path, monkeypatch):
     for model in MODELS:
         weights.save(tmp_path / f"{model}-v2b4.safetensors", make(model))
     monkeypatch.setattr(weights, "FOLDER", tmp_path)
-    prepared.trained.cache_clear()
+    prepared._loaded.cache_clear()
     yield tmp_path
-    prepared.trained.cache_clear()
+    prepared._loaded.cache_clear()
 
 
 def case(rows=20, columns=26, seed=0):
@@ -113,7 +113,7 @@ def test_fused_or_not_it_decodes_the_same(folder, model, monkeypatch):
     outs, could = [], fusion._can_fuse
     for possible in (True, False):
         monkeypatch.setattr(fusion, "_can_fuse", lambda dtype, possible=possible: possible and could(dtype))
-        prepared.trained.cache_clear()
+        prepared._loaded.cache_clear()
         outs.append(pnp_sci.decode(*case(), model=model).x)
     assert np.abs(outs[0] - outs[1]).mean() < 0.02 * np.abs(outs[0]).mean()
 
@@ -223,10 +223,10 @@ def test_training_writes_weights_that_decode(model, tmp_path, monkeypatch):
     assert f"--model {model} --data" in card
     (tmp_path / f"{model}-v2b2.safetensors").write_bytes((tmp_path / "run" / f"{model}.safetensors").read_bytes())
     monkeypatch.setattr(weights, "FOLDER", tmp_path)
-    prepared.trained.cache_clear()
+    prepared._loaded.cache_clear()
     y, masks = (part[0].numpy() for part in measured(frames=2))
     assert np.isfinite(pnp_sci.decode(y, masks, model=model).x).all()
-    prepared.trained.cache_clear()
+    prepared._loaded.cache_clear()
     assert network.config == config.BaselineConfig(2, 2)
 
 

@@ -29,9 +29,9 @@ def trained(tmp_path, monkeypatch):
     """A folder of weights for 2 views of 4 frames, in place of the package's."""
     weights.save(tmp_path / "v2b4.safetensors", make())
     monkeypatch.setattr(weights, "FOLDER", tmp_path)
-    prepared.trained.cache_clear()
+    prepared._loaded.cache_clear()
     yield tmp_path
-    prepared.trained.cache_clear()
+    prepared._loaded.cache_clear()
 
 
 @pytest.fixture(scope="module")
@@ -59,7 +59,7 @@ def test_fused_or_not_it_decodes_the_same(trained, case, model, monkeypatch):
     outs, could = [], fusion._can_fuse
     for possible in (True, False):
         monkeypatch.setattr(fusion, "_can_fuse", lambda dtype, possible=possible: possible and could(dtype))
-        prepared.trained.cache_clear()
+        prepared._loaded.cache_clear()
         outs.append(pnp_sci.decode(*case, model=model).x)
         modules = prepared.trained("ofanet", 2, 4, torch.device("cpu")).modules()
         half = half_precision(torch.device("cpu"))
@@ -103,7 +103,7 @@ def test_own_weights_come_first(trained, case):
     fewer = pnp_sci.simulate(before[:, :3].clip(0), masks[:, :3]), masks[:, :3]
     by_more = pnp_sci.decode(*fewer, model="ofanet-fast").x
     weights.save(trained / "v2b3.safetensors", make(frames=3))
-    prepared.trained.cache_clear()
+    prepared._loaded.cache_clear()
     assert not np.array_equal(pnp_sci.decode(*fewer, model="ofanet-fast").x, by_more)
     assert np.array_equal(pnp_sci.decode(y, masks, model="ofanet-fast").x, before)
 
@@ -151,9 +151,9 @@ def test_nothing_is_refined_where_nothing_moves(trained, small, case, monkeypatc
 def test_a_missing_refine_net_is_said(case, tmp_path, monkeypatch, caplog):
     weights.save(tmp_path / "v2b4.safetensors", make(refine="none"))
     monkeypatch.setattr(weights, "FOLDER", tmp_path)
-    prepared.trained.cache_clear()
+    prepared._loaded.cache_clear()
     whole, fast = (pnp_sci.decode(*case, model=model).x for model in ("ofanet", "ofanet-fast"))
-    prepared.trained.cache_clear()
+    prepared._loaded.cache_clear()
     assert np.array_equal(whole, fast)
     assert "no refine net for 2 x 4" in caplog.text
 
@@ -212,7 +212,7 @@ def test_first_estimate_that_is_chosen(trained, frames, prior, lowest, init):
 def test_damaged_weights_are_an_error_and_not_a_plain_start(case, tmp_path, monkeypatch):
     (tmp_path / "v2b4.safetensors").write_text("no weights")
     monkeypatch.setattr(weights, "FOLDER", tmp_path)
-    prepared.trained.cache_clear()
+    prepared._loaded.cache_clear()
     with pytest.raises(FormatError, match="not a safetensors file"):
         pnp_sci.solve(*case, strong, iterations=1)
 
