@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-import torch
+import numpy as np
 
 
 def places(given: tuple[int, int], views: int, frames: int) -> list[int] | None:
@@ -21,15 +21,14 @@ def places(given: tuple[int, int], views: int, frames: int) -> list[int] | None:
     return [(v * each + b // run) * frames + b % run for v in range(given[0]) for b in range(given[1])]
 
 
-def placed(planes: torch.Tensor, views: int, frames: int) -> torch.Tensor:
-    """Masks or frames (N, V, B, H, W) at their places among `views` x `frames`, with zeros at the others."""
-    where = places((planes.shape[1], planes.shape[2]), views, frames)
-    assert where is not None
-    whole = planes.new_zeros(len(planes), views * frames, *planes.shape[3:])
-    whole[:, where] = planes.flatten(1, 2)
-    return whole.unflatten(1, (views, frames))
+def placed(planes: np.ndarray, views: int, frames: int) -> np.ndarray:
+    """Masks (V, B, H, W) at their places among `views` x `frames`, with zeros at the others."""
+    whole = np.zeros((views * frames, *planes.shape[2:]), planes.dtype)
+    whole[places((planes.shape[0], planes.shape[1]), views, frames)] = planes.reshape(-1, *planes.shape[2:])
+    return whole.reshape(views, frames, *planes.shape[2:])
 
 
-def taken(video: torch.Tensor, given: tuple[int, int]) -> torch.Tensor:
-    """Of a network's video (N, views, frames, H, W) the frames of `given` views x frames; the inverse of `placed`."""
-    return video.flatten(1, 2)[:, places(given, *video.shape[1:3])].unflatten(1, given)
+def taken(video: np.ndarray, given: tuple[int, int]) -> np.ndarray:
+    """Of a network's video (views, frames, H, W) the frames of `given` views x frames; the inverse of `placed`."""
+    views, frames, *picture = video.shape
+    return video.reshape(-1, *picture)[places(given, views, frames)].reshape(*given, *picture)

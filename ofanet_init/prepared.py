@@ -77,19 +77,18 @@ def tensors(
 
     V and B are those of the network.
     """
-    masks = problem.op.masks[:, :, rows]
     largest = float(problem.op.masks.max()) or 1.0
-    coded = torch.from_numpy(masks.astype(np.float32) / np.float32(largest))[None]
+    coded = problem.op.masks[:, :, rows].astype(np.float32) / np.float32(largest)
+    masks = torch.from_numpy(placed(coded, network.config.views, network.config.frames))[None]
     y = torch.from_numpy((problem.y[rows] * (TUNED.brightness / largest)).astype(np.float32))[None]
-    return y.to(device), placed(coded.to(device), network.config.views, network.config.frames)
+    return y.to(device), masks.to(device)
 
 
 def in_units_of(problem: Problem, video: torch.Tensor) -> np.ndarray:
     """A network's video (1, V, B, H, W) as an array (V, B, H, W) in the problem's units, with its frames only."""
     views, frames = problem.op.shape[:2]
-    return (taken(video, (views, frames))[0].float().cpu().numpy() / np.float32(TUNED.brightness)).astype(
-        problem.op.dtype
-    )
+    own = taken(video[0].float().cpu().numpy(), (views, frames))
+    return (own / np.float32(TUNED.brightness)).astype(problem.op.dtype)
 
 
 def projected(problem: Problem, video: np.ndarray) -> np.ndarray:

@@ -110,17 +110,9 @@ def solve(
         y, masks = one_of(y, masks, index)
     truth = None if reference is None else usable_truth(reference, shape, count, index, reference_key, peak, colour)
     result = api.solve(
-        y,
-        masks,
-        staged,
-        noise=sensor,
-        bad=unused,
-        reference=truth,
-        peak=peak,
-        progress=interactive(),
-        **settings,
-        **prior_options,
-    )
+        y, masks, staged,
+        noise=sensor, bad=unused, reference=truth, peak=peak, progress=interactive(), **settings, **prior_options,
+    )  # fmt: skip
     written = [str(save_somewhere(result, out))]
     if video is not None:
         result.export(video, fps, white)

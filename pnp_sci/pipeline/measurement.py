@@ -126,9 +126,7 @@ def reconstruct(
         for video, own in zip(kept(backend.get(state.x)), out):
             put(video, own, joint.unit)
         facts = session.facts()
-    floor = LITTLE * noise_floor(joint.typical_noise, joint.y)
-    if status in (Status.CONVERGED, Status.ITERATIONS) and not explains(records[-1].residual, floor):
-        remarks = [*remarks, UNEXPLAINED.format(records[-1].residual)]
+    remarks = remarks + _unexplained(joint, status, records)
     own = list(window.of_kept(problems))
     scenes = [_found(scene, problem, facts, remarks) for problem in own]
     records = [replace(record, measurement=window.kept.start) for record in records]
@@ -137,8 +135,7 @@ def reconstruct(
         records[-1] = replace(records[-1], ssim=ssim)
         for found, n, video in zip(scenes, window.kept, out):
             found["remarks"] += truth.remarks(video, n)
-    weights = list(facts.get("weights", []))
-    return Outcome(own, status, records, scenes, plan.describe(), name, finish.shares, weights, scene)
+    return Outcome(own, status, records, scenes, plan.describe(), name, finish.shares, _weights(facts), scene)
 
 
 def _first(
@@ -164,6 +161,18 @@ def _found(scene: SceneModel, problem: Problem, facts: Mapping[str, Any], remark
     """What was found of the scene of a measurement."""
     found = scene.describe(problem.op) | {"at_rest": scene.at_rest(facts.get("still", []))} | counts(problem)
     return found | {"remarks": found["remarks"] + remarks}
+
+
+def _weights(facts: Mapping[str, Any]) -> list[str]:
+    return list(facts.get("weights", []))
+
+
+def _unexplained(problem: Problem, status: Status, records: Sequence[Record]) -> list[str]:
+    """The remark on a video that explains nothing of y, though no failure was found."""
+    floor = LITTLE * noise_floor(problem.typical_noise, problem.y)
+    if status not in (Status.CONVERGED, Status.ITERATIONS) or explains(records[-1].residual, floor):
+        return []
+    return [UNEXPLAINED.format(records[-1].residual)]
 
 
 class _Finish:
