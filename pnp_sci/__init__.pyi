@@ -5,8 +5,8 @@ from .advice.recommend import Recommendation as Recommendation
 from .advice.recommend import recommend as recommend
 from .api import decode as decode
 from .api import solve as solve
-from .camera.calibrate import Calibration as Calibration
 from .camera.calibrate import calibrate as calibrate
+from .camera.calibration import Calibration as Calibration
 from .camera.check import check_fit as check_fit
 from .camera.fit import Fit as Fit
 from .camera.quality import Quality as Quality

@@ -2,110 +2,18 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 
-from pnp_sci import io
 from pnp_sci._validate import positive_number, real_array, require_finite, whole
-from pnp_sci.camera.quality import Quality, lamp_gains, measure_quality
-from pnp_sci.errors import FormatError, InputError
-
-if TYPE_CHECKING:
-    from matplotlib.figure import Figure
+from pnp_sci.camera.calibration import Calibration, cut
+from pnp_sci.camera.quality import lamp_gains, measure_quality
+from pnp_sci.errors import InputError
 
 SURE = 8.0  # robust standard deviations: no pixel of 1e7 with Gaussian noise is that far from its neighbours
 DEAD = 0.3  # of the neighbours' response to light: less is no lens's shading
 AROUND = 5  # pixels: side of the median that neighbours have
-
-
-@dataclass(frozen=True, eq=False, repr=False)
-class Calibration:
-    """What turns raw pictures into measurements, made by :func:`calibrate`; ``str()`` of it is a report.
-
-    Attributes
-    ----------
-    masks : ndarray of float32, (V, B, H, W)
-        What of the lamp's light arrives at a pixel: 1 is the median of `white`. The lens's shading is part of them, so
-        that recovered videos have none.
-    dark : ndarray of float32, (H, W)
-        The camera's signal without light, in its units.
-    bad : ndarray of bool, (H, W)
-        Hot, noisy, dead and saturated pixels.
-    crop : tuple of int
-        (top, left, rows, columns) of the part of the raw pictures that all arrays cover.
-    quality : Quality or None
-        None if it was read from a file.
-    size : tuple of int or None
-        Rows and columns of the raw pictures; None if an older file does not tell them.
-    """
-
-    masks: np.ndarray
-    dark: np.ndarray
-    bad: np.ndarray
-    crop: tuple[int, int, int, int]
-    quality: Quality | None = None
-    size: tuple[int, int] | None = None
-
-    def __str__(self) -> str:
-        return str(self.quality) if self.quality else repr(self)
-
-    def __repr__(self) -> str:
-        views, frames, rows, columns = self.masks.shape
-        return f"Calibration({views} x {frames} masks of {rows} x {columns}, {int(self.bad.sum())} bad pixels)"
-
-    def correct(self, raw: Any) -> np.ma.MaskedArray:
-        """Make measurements of raw pictures: cropped, the dark frame subtracted, bad pixels masked.
-
-        Parameters
-        ----------
-        raw : array_like, (H0, W0) or (N, H0, W0)
-
-        Raises
-        ------
-        InputError, InputTypeError
-            If the pictures have another size than those of the calibration, or are no real numbers.
-
-        Returns
-        -------
-        MaskedArray of float32, (H, W) or (N, H, W)
-            :func:`pnp_sci.solve` leaves masked pixels out.
-        """
-        pictures = real_array("raw", raw)
-        if pictures.ndim not in (2, 3):
-            raise InputError(f"raw has shape {pictures.shape}: (rows, columns) or (N, rows, columns) was expected")
-        y = self.cropped("raw", pictures).astype(np.float32) - self.dark
-        return np.ma.MaskedArray(y, np.broadcast_to(self.bad, y.shape))
-
-    def cropped(self, name: str, pictures: np.ndarray) -> np.ndarray:
-        """The part of pictures as large as the raw ones, (..., H0, W0), that all arrays cover; errors give `name`."""
-        return _cropped(name, pictures, self.crop, self.size)
-
-    def plot(self) -> Figure:
-        """Pictures of the calibration: dark frame, shading, masks, bad pixels, values, brightness of the lamp."""
-        from pnp_sci.camera.pictures import draw
-
-        return draw(self)
-
-    def save(self, path: str | Path) -> None:
-        """Write NPZ, HDF5 or MAT, which ``read_masks`` and :meth:`load` read; the quality is not kept."""
-        size = {} if self.size is None else {"size": np.array([self.size])}
-        arrays = {"masks": self.masks, "dark": self.dark, "bad": self.bad, "crop": np.array([self.crop])}
-        io.write(path, arrays | size)
-
-    @classmethod
-    def load(cls, path: str | Path) -> Calibration:
-        """Read what :meth:`save` wrote; raises FileNotFoundError or FormatError."""
-        masks = io.read_masks(path, key="masks")
-        dark, bad, crop = (io.read(path, key) for key in ("dark", "bad", "crop"))
-        if not (dark.shape == bad.shape == masks.shape[2:] and crop.size == 4):
-            raise FormatError(f"{path}: masks {masks.shape}, dark {dark.shape} and bad {bad.shape} do not fit together")
-        top, left, rows, columns = map(int, crop.ravel())
-        known = "size" in {entry.key for entry in io.describe(path)}
-        height, width = map(int, io.read(path, "size").ravel()) if known else (0, 0)
-        return cls(masks, dark, bad.astype(bool), (top, left, rows, columns), size=(height, width) if known else None)
 
 
 def calibrate(
@@ -158,7 +66,7 @@ def calibrate(
     pictures = pictures[:, :, None] if pictures.ndim == 4 else pictures  # (V, B, N, H, W)
     size = pictures.shape[3:]
     crop = (0, 0, *size) if crop is None else _checked_crop(crop)
-    pictures = _cropped("patterns", pictures, crop, size)
+    pictures = cut("patterns", pictures, crop, size)
     views, frames = pictures.shape[:2]
     if full_scale is not None:
         full_scale = positive_number("full_scale", full_scale)
@@ -200,7 +108,7 @@ def _response(
     if array.ndim == 4 and len(array) != views:
         raise InputError(f"white has pictures of {len(array)} views, but patterns of {views}: the same was expected")
     each = array if array.ndim == 4 else array.reshape(1, -1, *array.shape[-2:])
-    response = np.stack([average(_cropped("white", one, crop, size)) for one in each]) - black
+    response = np.stack([average(cut("white", one, crop, size)) for one in each]) - black
     if np.median(response) <= 0:
         raise InputError(f"white is not brighter than dark: {np.median(response):.3g} in the median, > 0 was expected")
     return np.broadcast_to(response, (views, *response.shape[1:]))
@@ -225,14 +133,14 @@ def _saturated(patterns: np.ndarray, white: Any, crop: tuple[int, ...], full_sca
         return np.zeros(patterns.shape[-2:], bool)
     reached = np.any(np.median(patterns, 2) >= full_scale, axis=(0, 1))
     if white is not None:
-        pictures = _cropped("white", real_array("white", white), crop, None)
+        pictures = cut("white", real_array("white", white), crop, None)
         pictures = pictures if pictures.ndim == 4 else pictures.reshape(1, -1, *reached.shape)
         reached = reached | np.any(np.median(pictures, 1) >= full_scale, axis=0)
     return reached
 
 
 def _repeated(name: str, value: Any, crop: tuple[int, ...], size: tuple[int, int]) -> np.ndarray:
-    array = _cropped(name, _finite(name, value, (2, 3)), crop, size)
+    array = cut(name, _finite(name, value, (2, 3)), crop, size)
     return array.reshape(-1, *array.shape[-2:])
 
 
@@ -251,14 +159,3 @@ def _checked_crop(crop: Any) -> tuple[int, int, int, int]:
     except (TypeError, ValueError) as error:
         raise InputError(f"crop is {crop!r}: (top, left, rows, columns) was expected") from error
     return whole("crop", top, 0), whole("crop", left, 0), whole("crop", rows, 1), whole("crop", columns, 1)
-
-
-def _cropped(name: str, pictures: np.ndarray, crop: tuple[int, ...], size: tuple[int, int] | None) -> np.ndarray:
-    top, left, rows, columns = crop
-    if size is not None and pictures.shape[-2:] != size:
-        have, want = (" x ".join(map(str, sides)) for sides in (pictures.shape[-2:], size))
-        raise InputError(f"{name} is of {have} pixels, but patterns of {want}: the same pixels were expected")
-    if pictures.shape[-2] < top + rows or pictures.shape[-1] < left + columns:
-        have = " x ".join(map(str, pictures.shape[-2:]))
-        raise InputError(f"{name} is of {have} pixels: {top + rows} x {left + columns} at least were expected")
-    return pictures[..., top : top + rows, left : left + columns]

@@ -12,6 +12,7 @@ from pnp_sci.camera.code import Code
 from pnp_sci.camera.fit import Finding, Fit
 from pnp_sci.camera.frame_order import frame_order as order_of_frames
 from pnp_sci.camera.groups import hot_groups
+from pnp_sci.camera.mask_frames import lost_frames, static_views
 from pnp_sci.camera.outliers import negative, outliers
 from pnp_sci.camera.pile import pile
 from pnp_sci.camera.values import beyond, centred, loud, saturation, sign, unlike
@@ -115,7 +116,7 @@ class Masks:
         self.weight = np.abs(masks).sum((0, 1), dtype=np.float32) if self.signed else self.sums.sum(0)
         self.code = Code(self.sums)
         self.negative = float(np.mean(self.sums.sum(0) < 0))
-        self.missing = (*_missing(np.asarray(masks.any((2, 3)))), *_static(masks))
+        self.missing = (*lost_frames(np.asarray(masks.any((2, 3)))), *static_views(masks))
 
     def fit(self, y: np.ndarray, sensor: Sensor, bad: np.ndarray | None, warn_of_bad: bool) -> Fit:
         """How y (H, W) fits; `bad` pixels (H, W) must be 0 in it."""
@@ -192,7 +193,6 @@ class Masks:
 
 
 OTHERS = {"arrangement", "inverted", "no code"}  # findings of masks that are not those of the measurement
-SAME = 1e-3  # of the largest value: masks that differ less code nothing
 LEVELS = {"black level", "contrast", "sharpness"}  # findings that saturation also causes
 
 
@@ -200,29 +200,3 @@ def _why(code: Code) -> str:
     if not code.present:
         return "the sums of each view's masks do not vary from pixel to pixel, or the picture is too small"
     return "too many pixels are bad or saturated"
-
-
-def _missing(present: np.ndarray) -> tuple[Finding, ...]:
-    """The findings of masks of which some frames are all 0; `present` is (V, B)."""
-    if present.all() or not present.any():
-        return ()
-    lost = "; ".join(
-        f"view {v + 1}, frame{'s' * (len(b) > 1)} {', '.join(str(i + 1) for i in b)}"
-        for v, b in ((v, np.flatnonzero(~row)) for v, row in enumerate(present))
-        if len(b)
-    )
-    return (Finding("missing", f"masks are all 0 in {lost}", "parts of their file may be missing"),)
-
-
-def _static(masks: np.ndarray) -> tuple[Finding, ...]:
-    """The finding of views whose masks (V, B, H, W) are the same in all frames."""
-    least = SAME * float(max(-masks.min(), masks.max()))
-    same = [
-        str(v)
-        for v, (first, *others) in enumerate(masks, 1)
-        if others and first.any() and all(np.ptp((first, other), axis=0).max() <= least for other in others)
-    ]
-    if not same:
-        return ()
-    text = f"masks of view {', '.join(same)} are the same in all frames"
-    return (Finding("static", text, "its frames cannot be told apart; see pnp_sci.condition(masks)"),)

@@ -4,13 +4,13 @@ from __future__ import annotations
 
 import numpy as np
 
+from pnp_sci.camera.verdict import HALF, LIKELY
+
 BRIGHT = 0.95  # quantile of y: a group is brighter than most of the picture
 SHARP = 1.5  # ratio of the darkest pixel of a group to the brightest around it
-MOST, EQUAL = 0.75, 0.005  # quantile, and how near to the largest value it must not be, as part of the mean
+TOP, EQUAL = 0.75, 0.005  # quantile, and how near to the largest value it must not be, as part of the mean
 SOLID = 0.9  # part of its rectangle that a group fills; what moves behind masks fills about their density
 FEWEST = 9  # pixels: fewer do not tell whether they follow the masks
-HALF = 0.5  # of the light: a group of which less follows the masks is none of the scene
-LIKELY = 3.0  # standard errors, beside a limit that is far from what light does
 
 
 def hot_groups(y: np.ndarray, masks: np.ndarray, usable: np.ndarray) -> np.ndarray:
@@ -55,7 +55,7 @@ def _ignores(y: np.ndarray, light: np.ndarray) -> bool:
     """Whether y rises less than the light that masks let pass, both (N,), in units of their means."""
     light, y = light / max(float(light.mean()), 1e-30) - 1, y / y.mean() - 1
     squares, top = float(light @ light), y.max()
-    if squares == 0 or np.quantile(y, MOST) > top - EQUAL or np.sum(y == top) > 2:  # equal values may be saturated
+    if squares == 0 or np.quantile(y, TOP) > top - EQUAL or np.sum(y == top) > 2:  # equal values may be saturated
         return False
     slope = float(light @ y) / squares
     error = np.sqrt(float(np.sum(np.square(y - slope * light))) / ((y.size - 2) * squares))

@@ -10,7 +10,9 @@ TAIL = 0.02  # part of the pixels, those that stand out most, from which the tai
 FEWEST = 50  # pixels in the tail, at least
 PASSES = 4
 LEAST = 1.5  # ratio to neighbours within two pixels, more for others: smaller ones harm no more than texture does
-NOISE = 6.0  # median steps from pixel to pixel, about as many standard deviations of noise: it makes no darker pixels
+UNLIKELY = (
+    6.0  # median steps from pixel to pixel, about as many standard deviations of noise: it makes no darker pixels
+)
 FEW = 0.1  # of the pixels: more that are negative are no outliers
 BY_CHANCE = 0.01  # good pixels of a picture that are taken for outliers, on average
 
@@ -53,7 +55,7 @@ def negative(y: np.ndarray, usable: np.ndarray) -> np.ndarray:
     steps = [np.abs(np.diff(y, axis=a))[np.delete(usable, 0, a) & np.delete(usable, -1, a)] for a in (0, 1)]
     spread = max((float(np.median(step)) for step in steps if step.size), default=0.0)
     light = np.median(np.abs(y[usable])) if usable.any() else 0.0
-    below = usable & (y < -(light + NOISE * spread))
+    below = usable & (y < -(light + UNLIKELY * spread))
     return below & (below.sum() < FEW * usable.sum())
 
 

@@ -11,7 +11,7 @@ from pnp_sci.camera.warp import Transform
 
 STEPS = 10  # at most; from half a pixel off, five suffice
 SETTLED = 1e-3  # pixels: shorter steps are not made
-SURE = 0.1  # standard errors: neither
+WITHIN = 0.1  # standard errors: neither
 HALVES = (1.0, 0.5, 0.25, 0.125)  # parts of a step that are tried, until one lowers the residual
 TINY = 1e-3  # instead of no degree of freedom: errors are then as good as infinite
 LONGEST = 1.0  # pixels: the detail of the masks is no straight line farther away
@@ -56,7 +56,7 @@ def refine(model: LocalModel, transforms: list[Transform], groups: np.ndarray, b
     fit, better = model.fit(transforms, usable), True
     for _ in range(STEPS):
         step, covariance = _step(model, transforms, fit, _free(groups, blur))
-        if not better or (np.abs(step) <= np.maximum(SETTLED, SURE * deviations(covariance))).all():
+        if not better or (np.abs(step) <= np.maximum(SETTLED, WITHIN * deviations(covariance))).all():
             break
         step *= min(1.0, LONGEST / float(np.abs(step).max()))
         for part in HALVES:

@@ -8,16 +8,16 @@ from pnp_sci.camera.fit import Finding
 from pnp_sci.camera.outliers import expected
 from pnp_sci.sensing.sensor import Sensor
 
-MOST = 0.9  # of the pixels of a pile: if so many are known to be saturated, the full scale is right
+KNOWN = 0.9  # of the pixels of a pile: if so many are known to be saturated, the full scale is right
 BEYOND = 1.5  # of the full scale: values that are larger have other units
 HARMFUL = {"hot": 1e-2, "dead": 2e-3}  # of the energy of y: outliers of that much are worth a warning
 FEWEST = 25  # values: fewer do not tell how much y varies
 LOUD = 3.0  # standard deviations of y: noise above that is impossible, also where y is clipped at 0
 BELOW = 0.5  # standard deviations of y: so far below 0 no mean of noise is
-NOISE = 0.01  # of the sum of magnitudes: so much is negative by noise, much more of light through masks about 0
+BY_NOISE = 0.01  # of the sum of magnitudes: so much is negative by noise, much more of light through masks about 0
 CENTRED = 0.1  # of the pixels: of masks about 0, more have a negative sum
 SIGNED = {"uint8": 2**7, "uint16": 2**15}  # values from which on unsigned data are negative if they are read as signed
-NEAR = 0.97  # of the largest signed value: unsigned data above it reach that
+REACHED = 0.97  # of the largest signed value: unsigned data above it reach that
 
 
 def unlike(y, weight, hot, dead, good) -> list[Finding]:
@@ -48,7 +48,7 @@ def beyond(top: float, sensor: Sensor) -> list[Finding]:
 def saturation(y, low, top, sensor, saturated) -> list[Finding]:
     """The finding of a pile from `low` to `top` that the sensor does not take for saturated."""
     there = y >= low
-    if saturated is not None and np.count_nonzero(saturated & there) >= MOST * np.count_nonzero(there):
+    if saturated is not None and np.count_nonzero(saturated & there) >= KNOWN * np.count_nonzero(there):
         return []
     where = (
         f"at exactly its largest value, {top:.7g}"
@@ -78,7 +78,7 @@ def sign(y: np.ndarray, light: np.ndarray) -> list[Finding]:
     low, top, part = float(y.min(initial=0)), float(y.max(initial=0)), np.mean(y < 0) if y.size else 0.0
     text = f"y is negative in {part:.1%} of the pixels, but no mask is"
     for name, end in SIGNED.items():
-        if NEAR * end < top < end and -end <= low < -NEAR * end and np.unique(y[y < 0]).size > 2:
+        if REACHED * end < top < end and -end <= low < -REACHED * end and np.unique(y[y < 0]).size > 2:
             return [Finding("sign", text, f"{name} data seem to be read as int{name[4:]}; read them as {name}")]
     if light.size == 0 or light.mean() >= -BELOW * light.std():
         return []
@@ -89,7 +89,7 @@ def sign(y: np.ndarray, light: np.ndarray) -> list[Finding]:
 def centred(y: np.ndarray, negative: float) -> list[Finding]:
     """The finding of values y (N,) that are light although masks are about 0: such a part of their sums is negative."""
     below = np.maximum(-y, 0).sum()
-    if negative <= CENTRED or below > NOISE * np.abs(y).sum() or np.sum(y > 0) <= CENTRED * y.size:
+    if negative <= CENTRED or below > BY_NOISE * np.abs(y).sum() or np.sum(y > 0) <= CENTRED * y.size:
         return []
     text = f"the sum of masks is negative in {negative:.0%} of the pixels, but y is nowhere"
     return [Finding("sign", text, "masks seem to be centred about 0; give transmissions, which are 0 or more")]

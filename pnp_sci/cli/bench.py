@@ -8,14 +8,12 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
-from pnp_sci.cli.inputs import FIGURE, FOLDER, Command, Output, interactive
+from pnp_sci.cli.kinds import FIGURE, FOLDER, Command, Output
+from pnp_sci.cli.options import interactive
 from pnp_sci.errors import SolverError
 
 if TYPE_CHECKING:
     from pnp_sci.bench import Case, Method, Results, Row
-
-
-PLACE = click.Path(path_type=Path)
 
 
 def _numbers(kind: type) -> object:
@@ -55,7 +53,12 @@ def _place(context: click.Context, option: click.Parameter, path: Path | None) -
 @click.option(
     "--out", type=Output(".json"), help="Keep rows in this .json, and a .csv beside it; what is there is not redone."
 )
-@click.option("--markdown", type=PLACE, callback=_place, help="Write the table; with --paper a folder of tables.")
+@click.option(
+    "--markdown",
+    type=click.Path(path_type=Path),
+    callback=_place,
+    help="Write the table; with --paper a folder of tables.",
+)
 @click.option("--curves", type=FIGURE, help="Draw PSNR against seconds: .svg, .png or .pdf.")
 def bench(
     cases: str,

@@ -6,7 +6,7 @@ from pathlib import Path
 
 import click
 
-from pnp_sci.cli.inputs import FIGURE, FILE, POSITIVE, Command, Output
+from pnp_sci.cli.kinds import FIGURE, FILE, POSITIVE, Command, Output
 from pnp_sci.cli.outputs import ARRAYS
 from pnp_sci.errors import InputError
 

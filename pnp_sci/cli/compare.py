@@ -7,21 +7,9 @@ from typing import TYPE_CHECKING
 
 import click
 
-from pnp_sci.cli.inputs import (
-    FILE,
-    PAGE,
-    SEED,
-    Command,
-    Output,
-    bad_pixels,
-    camera,
-    camera_options,
-    interactive,
-    masks_for,
-    of_one,
-    one_of,
-    true_video,
-)
+from pnp_sci.cli.inputs import masks_for, of_one, one_of, true_video
+from pnp_sci.cli.kinds import FILE, PAGE, SEED, Command, Output
+from pnp_sci.cli.options import bad_pixels, camera, camera_options, interactive
 
 if TYPE_CHECKING:
     from pnp_sci.bench import Trial

@@ -8,7 +8,8 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
-from pnp_sci.cli.inputs import FOLDER, interactive
+from pnp_sci.cli.kinds import FOLDER
+from pnp_sci.cli.options import interactive
 from pnp_sci.cli.outputs import White, named, print_scores
 from pnp_sci.errors import MissingExtraError
 

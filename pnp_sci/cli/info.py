@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 
 import click
 
-from pnp_sci.cli.inputs import FILE
+from pnp_sci.cli.kinds import FILE
 from pnp_sci.errors import FormatError, UnknownPluginError
 
 if TYPE_CHECKING:

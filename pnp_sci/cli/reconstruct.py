@@ -11,20 +11,8 @@ from typing import Any
 
 import click
 
-from pnp_sci.cli.inputs import (
-    FILE,
-    FOLDER,
-    POSITIVE,
-    SEED,
-    Command,
-    bad_pixels,
-    camera,
-    camera_options,
-    interactive,
-    pairs,
-    solver_options,
-    stages,
-)
+from pnp_sci.cli.kinds import FILE, FOLDER, POSITIVE, SEED, Command
+from pnp_sci.cli.options import bad_pixels, camera, camera_options, interactive, pairs, solver_options, stages
 from pnp_sci.errors import SolverError
 
 

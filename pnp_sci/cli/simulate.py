@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING
 
 import click
 
-from pnp_sci.cli.inputs import FILE, SEED, Command, Output
+from pnp_sci.cli.kinds import FILE, SEED, Command, Output
 from pnp_sci.cli.outputs import ARRAYS
 from pnp_sci.errors import InputError
 

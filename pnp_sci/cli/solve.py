@@ -7,23 +7,9 @@ from typing import Any
 
 import click
 
-from pnp_sci.cli.inputs import (
-    FILE,
-    POSITIVE,
-    SEED,
-    Command,
-    Output,
-    bad_pixels,
-    camera,
-    camera_options,
-    interactive,
-    masks_for,
-    one_of,
-    pairs,
-    solver_options,
-    stages,
-    usable_truth,
-)
+from pnp_sci.cli.inputs import masks_for, one_of, usable_truth
+from pnp_sci.cli.kinds import FILE, POSITIVE, SEED, Command, Output
+from pnp_sci.cli.options import bad_pixels, camera, camera_options, interactive, pairs, solver_options, stages
 from pnp_sci.cli.outputs import SAVED, SHOWN, White, named, print_scores, save_somewhere
 
 

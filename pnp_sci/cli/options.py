@@ -1,0 +1,104 @@
+"""Options that several commands of ``pnp-sci`` have, and what they stand for."""
+
+from __future__ import annotations
+
+import json
+import sys
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import click
+
+from pnp_sci.cli.kinds import POSITIVE
+from pnp_sci.errors import InputError
+
+if TYPE_CHECKING:
+    from collections.abc import Callable
+
+    from pnp_sci.sensing.sensor import Sensor
+
+
+def interactive() -> bool:
+    """Whether somebody watches: only then progress is shown."""
+    return sys.stderr.isatty()
+
+
+def solver_options(command: Callable) -> Callable:
+    """Options of :func:`pnp_sci.solve` for a command that solves."""
+    prior = "One of `pnp-sci priors`, a+b, or stages a:60,b:20."
+    first = "First estimate; auto: a network's for learned priors."
+    for option in (
+        click.option("--iterations", type=click.IntRange(min=1), help="At most so many."),
+        click.option("--effort", default="balanced", show_default=True, help="fast, balanced or best."),
+        click.option("--init", default="auto", show_default=True, help=first),
+        click.option("--algorithm", default="gap", show_default=True, help="gap, plain-gap or admm."),
+        click.option("--prior", default="tv", show_default=True, help=prior),
+    ):
+        command = option(command)
+    return command
+
+
+def camera_options(command: Callable) -> Callable:
+    """The options that :func:`camera` and :func:`bad_pixels` take, for a command."""
+    bad = "Picture that is not 0 in bad pixels, which are not used; or auto: hot and dead ones are found."
+    noise = "Standard deviation of the noise, with --gain of that in the dark, in units of y; or auto."
+    for option in (
+        click.option("--bad", metavar="FILE|auto", help=bad),
+        click.option("--bits", type=click.IntRange(1, 32), help="Grey levels of the camera, up to --full-scale."),
+        click.option("--full-scale", type=POSITIVE, help="The camera's largest value: pixels there are saturated."),
+        click.option("--gain", type=POSITIVE, help="Units of y an electron, for photon noise.  [default: none]"),
+        click.option("--noise", default="auto", show_default=True, help=noise),
+    ):
+        command = option(command)
+    return command
+
+
+def camera(noise: str, gain: float | None, full_scale: float | None, bits: int | None) -> str | float | Sensor:
+    """What the options of the camera stand for: the `noise` of :func:`pnp_sci.solve`."""
+    try:
+        level = noise if noise == "auto" else float(noise)
+    except ValueError:
+        raise click.BadParameter(f"{noise!r} came, auto or a number was expected", param_hint="--noise") from None
+    if (gain, full_scale, bits) == (None, None, None):
+        return level
+    from pnp_sci.sensing.sensor import Sensor
+
+    try:
+        return Sensor(level, gain or 0.0, full_scale, bits)  # type: ignore[arg-type]
+    except InputError as error:
+        raise click.BadParameter(str(error), param_hint="--noise, --gain, --full-scale, --bits") from error
+
+
+def bad_pixels(bad: str | None) -> Any:
+    """What ``--bad`` stands for: the `bad` of :func:`pnp_sci.solve`."""
+    if bad is None or bad == "auto":
+        return bad
+    if not Path(bad).is_file():
+        raise click.BadParameter(f"{bad!r} came, a file or auto was expected", param_hint="--bad")
+    from pnp_sci import io
+
+    return io.read(bad) != 0
+
+
+def pairs(options: tuple[str, ...]) -> dict[str, Any]:
+    """``("inner=5", "mode=iso")`` -> ``{"inner": 5, "mode": "iso"}``."""
+    pairs = {}
+    for option in options:
+        key, separator, value = option.partition("=")
+        if not separator or not key.isidentifier():
+            raise click.BadParameter(f"{option!r} came, KEY=VALUE was expected", param_hint="--option")
+        try:
+            pairs[key] = json.loads(value)
+        except json.JSONDecodeError:
+            pairs[key] = value
+    return pairs
+
+
+def stages(text: str) -> str | list[tuple[str, int]]:
+    """``"tv:60,wavelet:20"`` -> stages; anything else is a name."""
+    if ":" not in text:
+        return text
+    parts = [stage.partition(":")[::2] for stage in text.split(",")]
+    if not all(name and count.isdigit() for name, count in parts):
+        raise click.BadParameter(f"{text!r} came, NAME:ITERATIONS,... was expected", param_hint="--prior")
+    return [(name, int(count)) for name, count in parts]
