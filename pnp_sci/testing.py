@@ -68,7 +68,9 @@ def _check_calls(prior: Prior, shape: tuple[int, ...], dtype: np.dtype, where: s
         _require(x.shape == shape, f"{where}: {x.shape} is returned")
         _require(bool(np.isfinite(x).all()), f"{where}, sigma {sigma}: a value is not finite")
         _require(np.array_equal(v, before), f"{where}, sigma {sigma}: the input has changed")
-    _require(np.shape(session.finish(v, SIGMA)) == shape, f"{where}: finish returns another shape")
+    finished = np.asarray(session.finish(v, SIGMA))
+    _require(finished.shape == shape, f"{where}: finish returns another shape")
+    _require(bool(np.isfinite(finished).all()), f"{where}: finish returns a value that is not finite")
     _require(np.array_equal(v, before), f"{where}: finish changes its input")
     try:
         json.dumps(dict(session.facts()))

@@ -59,4 +59,4 @@ class NetworkSession(Session):
 
     def facts(self) -> Mapping[str, Any]:
         """Hashes of the weights, and the part of each view that stands still."""
-        return {"weights": [self.net.sha256], "still": self.net.still}
+        return {"weights": self.net.hashes, "still": self.net.still}

@@ -10,9 +10,7 @@ TAIL = 0.02  # part of the pixels, those that stand out most, from which the tai
 FEWEST = 50  # pixels in the tail, at least
 PASSES = 4
 LEAST = 1.5  # ratio to neighbours within two pixels, more for others: smaller ones harm no more than texture does
-UNLIKELY = (
-    6.0  # median steps from pixel to pixel, about as many standard deviations of noise: it makes no darker pixels
-)
+UNLIKELY = 6.0  # median steps from pixel to pixel, about as many standard deviations: noise makes none as dark
 FEW = 0.1  # of the pixels: more that are negative are no outliers
 BY_CHANCE = 0.01  # good pixels of a picture that are taken for outliers, on average
 

@@ -9,10 +9,10 @@ from pnp_sci.camera.fit import Finding
 from pnp_sci.camera.orientations import search
 
 SURELY = 5.0  # standard errors: beyond chance in any one of some dozen tests, also with few blocks
-LIKELY = 3.0  # standard errors, beside a limit that is itself far from what right masks and light do
+LIKELY = 3.0  # standard errors, beside a limit that is itself far from what is right
 MATERIAL = 0.05  # of what the masks explain: a better position explains that much beside
 TELLS = 0.2  # standard error of the light that follows the code, from which on it tells nothing
-HALF = 0.5  # of the light: where less follows the code, masks are others, or light comes from elsewhere
+HALF = 0.5  # of the light: what follows the masks less was not seen through them
 FIFTH = 0.2  # of the light: masks of which so much is followed are the right ones, of which less are not
 TENTH = 0.1  # of the light: calibrated masks of real cameras miss half of that
 

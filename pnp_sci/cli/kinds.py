@@ -1,4 +1,4 @@
-"""Kinds of paths and numbers on the command line of ``pnp-sci``."""
+"""Paths and numbers on the command line of ``pnp-sci``, and commands whose paths are checked before any work."""
 
 from __future__ import annotations
 

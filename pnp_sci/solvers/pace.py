@@ -112,7 +112,7 @@ def _timed(prior: Prior, op: SensingOperator, y: np.ndarray, backend: Backend) -
     for state in itertools.islice(course, 2):
         length(state.residual)  # which waits for a device
         moments.append(time.perf_counter())
-    session.finish(state.x, state.sigma)
+    length(session.finish(state.x, state.sigma))
     first, second, finish = np.diff([*moments, time.perf_counter()]) / np.prod(op.shape)
     return Pace(max(first, second), second, finish)
 

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import hashlib
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -59,9 +58,9 @@ class VideoNet:
         self.still: list[float] = []  # fraction of still pixels of each view, of the last motion
 
     @property
-    def sha256(self) -> str:
-        """SHA-256 of the weights of both networks, 64 hexadecimal digits."""
-        return hashlib.sha256(f"{self.runner.sha256} {self.image.sha256}".encode()).hexdigest()
+    def hashes(self) -> list[str]:
+        """SHA-256 of the weights of each network."""
+        return [self.runner.sha256, *self.image.hashes]
 
     def __call__(self, x: Any, sigma: float, turn: int = 0) -> Any:
         """Denoise x (V, B, H, W), of the same shape in all calls; arguments and result as for :class:`ImageNet`."""

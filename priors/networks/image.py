@@ -51,9 +51,9 @@ class ImageNet:
         self.still: list[float] = []  # still pixels cannot be detected in single frames
 
     @property
-    def sha256(self) -> str:
+    def hashes(self) -> list[str]:
         """SHA-256 of the weights, 64 hexadecimal digits."""
-        return self.runner.sha256
+        return [self.runner.sha256]
 
     def __call__(self, x: Any, sigma: float, turn: int = 0) -> Any:
         """Denoise.

@@ -7,7 +7,7 @@ import pytest
 
 from pnp_sci.errors import DataUnavailableError, FormatError, InputError
 from priors.networks.along_motion import VideoNet
-from priors.networks.image import ImageNet
+from priors.networks.image import WEIGHTS, ImageNet
 
 torch = pytest.importorskip("torch")
 save_file = pytest.importorskip("safetensors.torch").save_file
@@ -65,19 +65,27 @@ def test_weights_are_read_once_and_again_when_the_file_has_changed(weights, tmp_
     torch.manual_seed(1)
     other = unet.Network(unet.SMALL)
     digest = files.save(path, "ffdnet", unet.SMALL, other)
-    assert ImageNet(path).sha256 == digest != first.sha256
+    assert ImageNet(path).hashes == [digest] != first.hashes
 
 
-def test_the_hash_of_the_video_net_is_that_of_both_networks(weights):
-    video = VideoNet(weights / "video")
-    assert video.sha256 not in (video.runner.sha256, video.image.sha256)
-    assert VideoNet(weights / "video").sha256 == video.sha256
+def test_the_hashes_of_the_video_net_are_those_of_its_networks(weights):
+    known = [
+        files.load(path, name)[1]
+        for path, name in ((weights / "video", "video"), (WEIGHTS / "ffdnet.safetensors", "ffdnet"))
+    ]
+    assert VideoNet(weights / "video").hashes == known
+
+
+@pytest.mark.parametrize("name", ["ffdnet", "video"])
+def test_shipped_weights_have_a_card_with_their_hash(name):
+    digest = files.load(WEIGHTS / f"{name}.safetensors", name)[1]
+    assert digest in (WEIGHTS / f"{name}.md").read_text()
 
 
 def test_weights_survive_the_file(weights, tmp_path):
     network, digest = files.load(weights / "video", "video")
     assert files.save(tmp_path / "again", "video", network.architecture, network) == digest
-    assert ImageNet(weights / "ffdnet").sha256 == files.load(weights / "ffdnet", "ffdnet")[1]
+    assert ImageNet(weights / "ffdnet").hashes[0] == files.load(weights / "ffdnet", "ffdnet")[1]
     assert not list(tmp_path.glob("*.partial"))
 
 

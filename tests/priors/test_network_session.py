@@ -10,7 +10,7 @@ from priors.session import NetworkSession
 class Net:
     """Returns what it sees, and keeps what it was told."""
 
-    sha256, still = "0" * 64, [0.25]
+    hashes, still = ["0" * 64], [0.25]
 
     def __init__(self):
         self.sigmas, self.turns = [], []
@@ -75,4 +75,4 @@ def test_the_network_finishes_and_tells_its_weights():
     x = np.ones((1, 1, 8, 8), np.float32)
     session(x, 0.05)
     np.testing.assert_array_equal(session.finish(x, 0.5), x + 0.5)
-    assert session.facts() == {"weights": [net.sha256], "still": net.still}
+    assert session.facts() == {"weights": net.hashes, "still": net.still}
