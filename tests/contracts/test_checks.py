@@ -57,6 +57,11 @@ class FinishesSmaller(Halves):
         return x[:, :1]
 
 
+class FinishesWithNothing(Halves):
+    def finish(self, x, sigma):
+        return np.full_like(x, np.nan)
+
+
 class TellsArrays(Halves):
     def facts(self):
         return {"still": np.zeros(3)}
@@ -105,6 +110,7 @@ def test_what_keeps_its_promises_passes():
         (knows_threads, "in two threads"),
         (Of(CannotWriteInPlace), "in place"),
         (Of(FinishesSmaller), "finish returns another shape"),
+        (Of(FinishesWithNothing), "finish returns a value that is not finite"),
         (Of(TellsArrays), "facts are no JSON"),
         (Of(object), "a Session was expected"),
         (Of(Halves, None), r"traits\(.*\) is None"),
