@@ -146,8 +146,9 @@ class TorchSensingOperator(torch.nn.Module):
     ) -> tuple[torch.Tensor, torch.Tensor]:
         """The multiplier of GAP and its move, as :meth:`pnp_sci.SensingOperator.multiplier`, (..., H, W)."""
         rho = rho.to(self.gram) if isinstance(rho, torch.Tensor) else rho
-        after = (dual + pace * residual) * (self.gram / (self.gram + pace * rho))
-        after = torch.where(self.gram > 0, after, 0)
+        alive = self.gram > 0
+        total = torch.where(alive, self.gram + pace * rho, 1)  # never 0, which would make gradients NaN
+        after = (dual + pace * residual) * torch.where(alive, self.gram / total, 0)
         if saturated is not None:
             after = torch.where(saturated & (after < 0), 0, after)
         return after, (after - dual) / pace

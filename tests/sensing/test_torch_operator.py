@@ -138,3 +138,16 @@ OP = Twin(np.ones((2, 3, 4, 5)))
 def test_errors(call, error, message):
     with pytest.raises(error, match=message):
         call()
+
+
+def test_gradients_of_the_multiplier_are_finite_in_closed_pixels():
+    masks = torch.ones(1, 2, 3, 4)
+    masks[..., 1, 2] = 0
+    op = Twin(masks)
+    residual = torch.ones(3, 4, requires_grad=True)
+    after, move = op.multiplier(torch.zeros(3, 4), residual, 2.0, 0.0)
+    (after + move).sum().backward()
+    expected = torch.full((3, 4), 3.0)
+    expected[1, 2] = 0
+    assert residual.grad is not None
+    assert torch.equal(residual.grad, expected)
