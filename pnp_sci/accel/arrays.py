@@ -29,7 +29,7 @@ def single(array: Any) -> Any:
 
 def dot(a: Any, b: Any) -> float:
     """Inner product of two pictures (..., H, W); einsum starts no threads."""
-    return library(a).einsum("i,i", a.reshape(-1), b.reshape(-1)).item()
+    return float(library(a).einsum("i,i", a.reshape(-1), b.reshape(-1)))
 
 
 def length(picture: Any) -> float:
