@@ -29,7 +29,7 @@ def single(array: Any) -> Any:
 
 def dot(a: Any, b: Any) -> float:
     """Inner product of two pictures (..., H, W); einsum starts no threads."""
-    return float(library(a).einsum("i,i", a.reshape(-1), b.reshape(-1)))
+    return library(a).einsum("i,i", a.reshape(-1), b.reshape(-1)).item()
 
 
 def length(picture: Any) -> float:

@@ -93,11 +93,8 @@ def check_all(
             masks.fit(y, sensor, None if bad is None else bad[n], warn_of_bad)
             for n, (masks, y) in enumerate(zip(each, measurements))
         ]
-    lit = np.asarray(measurements.any((1, 2)))
-    if not lit.all() and lit.any():
-        lost = Finding("missing", "y is 0 everywhere, other measurements are not", "its file may be incomplete")
-        fits = [fit if on else replace(fit, findings=(*fit.findings, lost)) for fit, on in zip(fits, lit)]
-    return fits
+    lost = Finding("missing", "y is 0 everywhere", "its file may be incomplete, or no light came in")
+    return [fit if y.any() else replace(fit, findings=(*fit.findings, lost)) for fit, y in zip(fits, measurements)]
 
 
 def _with_order(fit: Fit, order: str) -> Fit:

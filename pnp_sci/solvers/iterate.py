@@ -99,9 +99,15 @@ def states(
     while True:
         yield state
         sigma, rho = schedule.at(state.iteration)
-        if state.iteration and sigma != state.sigma:  # what the solver has accumulated is in units of sigma
-            state = replace(state, dual=state.dual * (sigma / state.sigma))
+        state = rescaled(state, sigma)
         state = step(op, y, partial(_denoised, session, state.x, in_x), state, sigma, rho, saturated)
+
+
+def rescaled(state: State, sigma: float) -> State:
+    """The state for a step with `sigma`: what the solver has accumulated is in units of it."""
+    if state.iteration == 0 or sigma == state.sigma:
+        return state
+    return replace(state, dual=state.dual * (sigma / state.sigma), sigma=sigma)
 
 
 def _denoised(session: InTurn, x: Array, in_x: float, v: Array, sigma: float) -> Array:

@@ -110,6 +110,53 @@ def average(v, flow, weights, pairs, first, out):
                 out[b, i] /= total[i - top]
 
 
+@device_function
+def _scatter(extended, share, flow):
+    """extended <- extended + transpose of :func:`_warp_blocks` for a frame of shares (H, W)."""
+    rows, columns = share.shape
+    for i in range(rows):
+        for j in range(columns):
+            s = share[i, j]
+            if s == 0:
+                continue
+            first_row, first_column = i - i % 2, j - j % 2
+            y = min(max(first_row * FRACTION + flow[i // 2, j // 2, 1], 0), (rows - 1) * FRACTION)
+            x = min(max(first_column * FRACTION + flow[i // 2, j // 2, 0], 0), (columns - 1) * FRACTION)
+            top, left = y // FRACTION + i % 2, x // FRACTION + j % 2
+            for a in range(4):
+                down = s * CUBIC[y % FRACTION, a]
+                for c in range(4):
+                    extended[top + a, left + c] += down * CUBIC[x % FRACTION, c]
+
+
+@kernel
+def spread(g, flow, weights, pairs, first, out):
+    """out (B, H, W) <- the transpose of :func:`average` applied to g (B, H, W), for gradients."""
+    frames, rows, columns = g.shape
+    parts = np.empty_like(g)
+    for b in numba.prange(frames):
+        for i in range(rows):
+            for j in range(columns):
+                total = g.dtype.type(255)
+                for p in range(first[b], first[b + 1]):
+                    total += g.dtype.type(weights[p, i, j])
+                parts[b, i, j] = g[b, i, j] / total
+    for n in numba.prange(frames):
+        extended, share = np.zeros((rows + 4, columns + 4), g.dtype), np.empty((rows, columns), g.dtype)
+        for p in range(len(pairs)):
+            if pairs[p, 1] == n:
+                for i in range(rows):
+                    for j in range(columns):
+                        share[i, j] = parts[pairs[p, 0], i, j] * g.dtype.type(weights[p, i, j])
+                _scatter(extended, share, flow[p])
+        for i in range(rows):
+            for j in range(columns):
+                out[n, i, j] = g.dtype.type(255) * parts[n, i, j]
+        for i in range(rows + 4):
+            for j in range(columns + 4):  # the transpose of `extend`
+                out[n, min(max(i - 1, 0), rows - 1), min(max(j - 1, 0), columns - 1)] += extended[i, j]
+
+
 @kernel
 def remaining(weights, first, left):
     """left (B, H, W) <- factor of averages with these weights (P, H, W) on the standard deviation of white noise."""

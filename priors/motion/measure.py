@@ -14,7 +14,7 @@ from pnp_sci._tuned import Tuned
 from pnp_sci.accel.threads import Pool
 from priors.kernels import average as averages
 from priors.kernels import match as matches
-from priors.kernels.still import mean_and_variance, sureness, tie
+from priors.kernels.still import HARDLY, mean_and_variance, sureness, tie
 from priors.motion.credit import adjacent, credit
 
 SMALLEST = 32  # pixels: smallest height and width for optical flow
@@ -70,6 +70,12 @@ class Motion:
         """
         averages.average(view, self.flow, self.weights, self.pairs, self.first, out)
         tie(view, self.still, out)
+
+    def spread(self, g: np.ndarray, out: np.ndarray) -> None:
+        """The transpose of :meth:`average`, which is linear, applied to g (B, H, W), into out (B, H, W)."""
+        still = np.where(self.still.max(1, keepdims=True) < HARDLY, 0, self.still)
+        averages.spread((1 - still) * g, self.flow, self.weights, self.pairs, self.first, out)
+        out += still * g.mean(0)
 
     @cached_property
     def remaining(self) -> np.ndarray:

@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -71,10 +73,7 @@ class VideoNet:
             self.motion = see(self.image, frames, sigma, self.motion if self.renew > 1 else None)
             self.still = self.motion.at_rest
         self.calls += 1
-        mean, level = averaged(frames, sigma, self.motion)
-        flat = (-1, *x.shape[2:])
-        noise = frames - mean + self.runner.noise(mean.reshape(flat), level.reshape(flat), turn).reshape(x.shape)
-        return x - noise.clip(-LIMIT * sigma, LIMIT * sigma)
+        return x - noise(frames, sigma, self.motion, partial(self.runner.noise, turn=turn))
 
     def finish(self, x: Any, sigma: float) -> Any:
         """Average a solver's last estimate x (V, B, H, W) along the motion estimated from x; sigma is the last one."""
@@ -96,3 +95,11 @@ def see(image: ImageNet, x: Any, sigma: float, before: VideoMotion | None = None
 def averaged(x: Any, sigma: float, motion: VideoMotion) -> tuple[Any, Any]:
     """Averages of x (V, B, H, W) along the motion of each view, and the standard deviation of their noise."""
     return motion.average(x), motion.remaining * sigma
+
+
+def noise(x: Any, sigma: float, motion: VideoMotion, network: Callable[[Any, Any], Any]) -> Any:
+    """Noise of x (V, B, H, W): what averages along the motion remove, and what the network finds in the averages."""
+    mean, level = averaged(x, sigma, motion)
+    flat = (-1, *x.shape[2:])
+    total = x - mean + network(mean.reshape(flat), level.reshape(flat)).reshape(x.shape)
+    return total.clip(-LIMIT * sigma, LIMIT * sigma)

@@ -13,8 +13,8 @@ from pnp_sci.errors import InputError
 from pnp_sci.training.clips import load_clips, split
 from pnp_sci.training.loop import OPTIMIZERS, Budget, Place, launch, train
 from priors.motion.measure import SMALLEST
-from priors.train.states import Watch
 from priors.train.task import Denoising, Sample
+from priors.train.windows import Watch
 
 SAMPLES = {"video": Sample(frames=8, batch=1, crop=96), "ffdnet": Sample(frames=1, batch=16, crop=64)}
 FOLDER = click.Path(exists=True, file_okay=False, path_type=Path)
@@ -54,7 +54,8 @@ def main(
     the image net first, with --weights priors/weights/ffdnet.safetensors. --start takes other weights of NAME.
 
     With --solves, each process solves that many measurements of the training clips before the first step and at each
-    validation. Half of the samples are then inputs of the network during these solves. The budget excludes their time.
+    validation. Half of the loss is then the error of the estimates after up to four successive calls of the network in
+    these solves; the gradient passes through the solver. The budget excludes the time of the solves.
 
     Each validation rewrites checkpoint, curves (CSV), weights and model card. Works under torchrun.
     """

@@ -9,7 +9,9 @@ import torch
 from pnp_sci.training.loop import Place, Progress
 from priors.networks import LIMIT
 from priors.train.data import CLIP, FRAME
+from priors.train.solves import ITERATIONS, LONG
 from priors.train.validation import FRAMES, LEVELS, SIZE
+from priors.train.windows import CALLS
 
 CARD = """# {name}: denoiser of grey {kind}
 
@@ -46,8 +48,10 @@ the training set ({held_out}); white Gaussian noise of seed 0:
 These figures do not measure the prior inside a solver, whose estimates have other errors than white noise.
 """
 
-STATES = """Half of the frames of each step are inputs of the network during solves of measurements of training clips.
-{} such frames were kept. The solver started from `ofanet-fast` where that has weights.
+STATES = """Half of the loss is that of estimates after one to {calls} calls in a row within the solver; call n has
+weight n. The gradient passes through these calls. Solves of measurements of training clips gave {windows} windows of
+{calls} calls, of which each step and process takes one. Of the solves, {long:.0%} had {iterations} iterations at one
+sigma, from `adjoint`. The others had the defaults, or the best effort, and `ofanet-fast` where that has weights.
 """
 
 
@@ -64,7 +68,7 @@ def write_card(task: Any, progress: Progress, place: Place, digest: str) -> None
         share=FRAME if sample.frames == 1 else CLIP,
         seen=task.prepare.__doc__,
         origin=task.origin,
-        states=STATES.format(task.learned * place.world) if task.watch else "",
+        states=_of_states(task.learned * place.world) if task.watch else "",
         digest=digest,
         command=task.command,
         data=f"{len(moving)} clips ({sum(moving)} frames) and {len(task.training) - len(moving)} photographs",
@@ -84,3 +88,7 @@ def write_card(task: Any, progress: Progress, place: Place, digest: str) -> None
         psnr=" | ".join(f"{value:.2f}" for value in progress.rows[-1][3:]),
     )
     task.weights.with_suffix(".md").write_text(text)
+
+
+def _of_states(windows: int) -> str:
+    return STATES.format(calls=CALLS, windows=windows, long=LONG, iterations=ITERATIONS)

@@ -17,10 +17,12 @@ from priors.networks.image import WEIGHTS, ImageNet
 from priors.networks.unet import Network
 from priors.train.card import write_card
 from priors.train.data import Sampler
-from priors.train.states import States, Watch
+from priors.train.unrolled import estimates
 from priors.train.validation import LEVELS, denoised, psnr
+from priors.train.windows import Watch, Window
 
 LEAST = 1e-6  # added to mean squares in the loss, which limits the weight of errors below 0.001
+KEPT = 3  # collections of windows, the latest ones
 
 
 @dataclass(frozen=True)
@@ -85,32 +87,47 @@ class Denoising:
         self.network = _weights.load(start, name)[0].train() if start else self.prepare.start()
         self.settings = str(self.network.architecture)
         self.origin = "earlier weights" if start else self.prepare.origin
-        self.collections: list[States] = []
-        self.learned = 0  # number of frames of the collections used for training
+        self.collections: list[list[Window]] = []
+        self.collected = self.learned = 0  # number of windows so far, and of those used for training
         self.compiled = [self.network]
         self.sampler = Sampler(training, frames=sample.frames, crop=sample.crop, batch=sample.batch, seed=seed)
 
     def loss(self, model: torch.nn.Module, place: Place, step: int) -> torch.Tensor:
-        """Mean logarithm of the squared error of a frame, relative to its noise.
+        """Mean logarithm of the squared error of a frame; with a watch, half of it is that of estimates in solves."""
+        of_noise = self._of_noise(model, place, step)
+        return (of_noise + self._of_solves(model, place, step)) / 2 if self.watch else of_noise
 
-        With a watch, half of the frames are inputs during solves. The first collection is made here, so that a resumed
-        run uses its own weights.
-        """
+    def _of_noise(self, model: torch.nn.Module, place: Place, step: int) -> torch.Tensor:
+        """The loss of noisy frames, relative to their noise."""
         clean, noisy, sigma = self.sampler(place.rank, step)
-        samples = [(*self.prepare(noisy, sigma), clean)]
-        if self.watch:
-            self.collections = self.collections or [self.watch(self.network)]
-            random = np.random.default_rng([self.sampler.seed, place.rank, step, 1])
-            collection = self.collections[random.integers(len(self.collections))]
-            frames, level, truth = collection.draw(random, clean.shape[0] * clean.shape[1])
-            samples.append((frames[None], level[None], truth[None]))
-        losses = []
-        for frames, level, truth in samples:
-            error = denoised(model, frames, level, place.device) - torch.from_numpy(truth).to(place.device)
-            noise = torch.from_numpy(level).to(place.device)
-            left, before = (a.square().mean((2, 3)) + LEAST for a in (error, noise))
-            losses.append((left / before).log().mean())
-        return torch.stack(losses).mean()
+        frames, level = self.prepare(noisy, sigma)
+        error = denoised(model, frames, level, place.device) - torch.from_numpy(clean).to(place.device)
+        noise = torch.from_numpy(level).to(place.device)
+        left, before = (a.square().mean((2, 3)) + LEAST for a in (error, noise))
+        return (left / before).log().mean()
+
+    def _of_solves(self, model: torch.nn.Module, place: Place, step: int) -> torch.Tensor:
+        """The loss of estimates in solves; that after the n-th call of a window has weight n.
+
+        The first collection is made here, so that a resumed run uses its own weights. Later collections are drawn more
+        often.
+        """
+        if not self.collections:
+            self._collect(self.network)
+        random = np.random.default_rng([self.sampler.seed, place.rank, step, 1])
+        windows = self.collections[random.integers(len(self.collections), size=2).max()]
+        window = windows[random.integers(len(windows))]
+        truth = torch.from_numpy(window.truth).to(place.device)
+        made = list(estimates(window, model, place.device))
+        losses = [n * ((x - truth).square().mean((2, 3)) + LEAST).log().mean() for n, x in enumerate(made, 1)]
+        return torch.stack(losses).sum() / sum(range(len(made) + 1))
+
+    def _collect(self, network: torch.nn.Module) -> None:
+        """Add windows of solves with `network`."""
+        assert self.watch
+        windows = self.watch(network)
+        self.collected += len(windows)
+        self.collections = [*self.collections[1 - KEPT :], windows]
 
     def validate(self, network: torch.nn.Module, place: Place) -> torch.Tensor:
         """Sums of the PSNR in dB at each validation level, and the number of clips.
@@ -118,8 +135,8 @@ class Denoising:
         With a watch, it also collects new samples.
         """
         if self.watch:
-            self.learned = sum(len(collection.frames) for collection in self.collections)
-            self.collections.append(self.watch(network))
+            self.learned = self.collected
+            self._collect(network)
         clips = self.validation[place.rank :: place.world]
         return torch.cat([psnr(network, self.prepare, clips, place.device), torch.tensor([float(len(clips))])])
 

@@ -206,7 +206,7 @@ def test_what_cannot_be_told_is_said(scene):
     assert "sums" in fit.unknown
     assert "cannot be told" in str(fit)
     dark = check_fit(np.zeros((128, 128)), scene.masks)
-    assert dark.ok
+    assert [finding.kind for finding in dark.findings] == ["missing"]
     assert dark.unknown == "y is 0 everywhere"
 
 

@@ -36,16 +36,22 @@ def catmull_rom(t):
     return t ** np.arange(4) @ matrix
 
 
+def any_motion(shape):
+    """A motion of two frames: any flow and weights, nothing still."""
+    random = np.random.default_rng(0)
+    half = [(size + 1) // 2 for size in shape]
+    flow = random.integers(-3 * FRACTION, 3 * FRACTION, (2, *half, 2)).astype(np.int16)
+    weights = random.integers(256, size=(2, *shape)).astype(np.uint8)
+    return Motion(np.array([(0, 1), (1, 0)]), np.array([0, 1, 2]), flow, weights, np.zeros(shape, np.float32))
+
+
 @pytest.mark.parametrize("dtype", [np.float32, np.float64])
 @pytest.mark.parametrize("shape", [(9, 12), (8, 7), (1, 1), (2, 3)])
 def test_averages_fetch_blocks_from_where_the_flow_points(shape, dtype):
     """As bicubic interpolation by itself does, beyond the edges as the frame ends; sizes odd and even."""
-    random = np.random.default_rng(0)
-    view = random.random((2, *shape)).astype(dtype)
-    half = [(size + 1) // 2 for size in shape]
-    flow = random.integers(-3 * FRACTION, 3 * FRACTION, (2, *half, 2)).astype(np.int16)
-    weights = random.integers(256, size=(2, *shape)).astype(np.uint8)
-    seen = Motion(np.array([(0, 1), (1, 0)]), np.array([0, 1, 2]), flow, weights, np.zeros(shape, np.float32))
+    view = np.random.default_rng(1).random((2, *shape)).astype(dtype)
+    seen = any_motion(shape)
+    weights, flow = seen.weights, seen.flow
     mean = np.empty_like(view)
     seen.average(view, mean)
     for p, (b, n) in enumerate(seen.pairs):
@@ -58,6 +64,18 @@ def test_averages_fetch_blocks_from_where_the_flow_points(shape, dtype):
             warped = down @ beyond[rows - 1 : rows + 3, columns - 1 : columns + 3] @ across
             w = weights[p, i, j] / 255
             assert mean[b, i, j] == pytest.approx((view[b, i, j] + w * warped) / (1 + w), abs=1e-5)
+
+
+@pytest.mark.parametrize("shape", [(9, 12), (8, 7), (1, 1), (2, 3)])
+def test_the_transposed_averages_are_their_transpose(shape):
+    random = np.random.default_rng(2)
+    still = random.random(shape).astype(np.float32) * random.choice([0.01, 1], (shape[0], 1))  # rows that hardly are
+    seen = replace(any_motion(shape), still=still)
+    x, g = random.standard_normal((2, 2, *shape))
+    mean, back = np.empty_like(x), np.empty_like(g)
+    seen.average(x, mean)
+    seen.spread(g, back)
+    assert np.vdot(mean, g) == pytest.approx(np.vdot(x, back), abs=1e-5 * np.linalg.norm(x) * np.linalg.norm(g))
 
 
 def test_averaging_along_motion_keeps_the_scene_and_lowers_noise(moving):

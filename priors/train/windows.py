@@ -1,0 +1,160 @@
+"""Training samples from the solver: some of its calls in a row, with the true frames.
+
+The errors of a solver's estimates differ from white noise. Measurements of training clips are solved with the current
+network, and calls are kept from which :mod:`priors.train.unrolled` runs the solver again. As the estimates depend on
+the weights, new calls are collected at each validation and added to the earlier ones (DAgger).
+
+S. Ross, G. Gordon & J. A. Bagnell, "A reduction of imitation learning and structured prediction to no-regret online
+learning", AISTATS 2011.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
+from copy import deepcopy
+from dataclasses import dataclass, replace
+from pathlib import Path
+from tempfile import TemporaryDirectory
+from typing import Any
+
+import numpy as np
+import torch
+
+from pnp_sci.errors import InputError
+from pnp_sci.plugins.protocols import Prior
+from pnp_sci.sensing.operator import SensingOperator
+from pnp_sci.solvers.gap import gap_step
+from pnp_sci.solvers.iterate import ALGORITHMS
+from pnp_sci.solvers.state import State
+from pnp_sci.training.clips import Clip
+from priors.ffdnet import FFDNet
+from priors.motion.videos import OfArrays
+from priors.networks import files
+from priors.session import NetworkSession
+from priors.train.solves import solved
+from priors.video import Video
+
+PRIORS = {"video": Video, "ffdnet": FFDNet}
+
+CALLS = 4  # of a window; `video` keeps a motion for as many
+WINDOWS = 4  # kept per measurement, the last one among them, at most
+
+
+@dataclass(frozen=True, eq=False)
+class Call:
+    """A call of a network within the solver.
+
+    Attributes
+    ----------
+    op : SensingOperator
+    y : ndarray, (H, W)
+    state : State
+        Before the iteration; None in later calls of a window.
+    sigma : float
+    rho : float or ndarray, (H, W)
+        Of the iteration.
+    beside : Session
+        Of total variation, before the call; None in later calls of a window.
+    stronger, turn
+        As :class:`priors.session.NetworkSession` has them before the call.
+    motion : OfArrays, or None for the image net
+    """
+
+    op: SensingOperator
+    y: np.ndarray
+    state: State | None
+    sigma: float
+    rho: Any
+    beside: Any = None
+    stronger: float = 1.0
+    turn: int = 0
+    motion: OfArrays | None = None
+
+
+@dataclass(frozen=True, eq=False)
+class Window:
+    """Calls in a row with the same motion, and the true frames (V, B, H, W) in the units of the estimates."""
+
+    calls: tuple[Call, ...]
+    truth: np.ndarray
+
+
+class Watch:
+    """Solves measurements of `crop` x `crop` pixels with a prior and keeps calls of its network.
+
+    Parameters
+    ----------
+    clips : sequence of Clip
+        Source of the views.
+    name : "video" or "ffdnet"
+        The prior.
+    solves : int
+        Measurements per collection. Each takes about 15 MB with crops of 96 pixels.
+    crop : int
+        Height and width in pixels.
+    seed, rank : int
+        Seed of the random measurements.
+    """
+
+    def __init__(self, clips: Sequence[Clip], name: str, solves: int, crop: int, seed: int, rank: int):
+        self.clips, self.name, self.solves, self.crop = clips, name, solves, crop
+        self.random = np.random.default_rng([seed, rank])
+
+    def __call__(self, network: torch.nn.Module) -> list[Window]:
+        """Solve measurements with the weights of `network`; return windows of its calls."""
+        with TemporaryDirectory() as folder:
+            path = Path(folder) / f"{self.name}.safetensors"
+            files.save(path, self.name, network.architecture, network)  # type: ignore[arg-type]
+            prior = PRIORS[self.name](weights=path)
+            found = [window for _ in range(self.solves) for window in self._of_one(prior)]
+        if not found:
+            raise InputError(f"solves: none of {self.solves} measurements gave {CALLS} calls of the network in a row")
+        return found
+
+    def _of_one(self, prior: Prior) -> list[Window]:
+        """Windows of the solve of one random measurement."""
+        with _watched() as calls:
+            truth = solved(self.clips, prior, self.crop, self.random)
+        parts = [calls[k : k + CALLS] for k in range(len(calls) - CALLS + 1)]
+        parts = [part for part in parts if all(map(_follow, part, part[1:]))]
+        chosen = {*self.random.permutation(len(parts))[: WINDOWS - 1].tolist(), len(parts) - 1}
+        return [Window(_lean(parts[k]), truth) for k in sorted(chosen) if parts]
+
+
+def _follow(call: Call, following: Call) -> bool:
+    """Whether a call follows another one in the next iteration, with the same motion and finite estimates."""
+    assert call.state is not None
+    assert following.state is not None
+    finite = np.isfinite(call.state.x).all() and np.isfinite(following.state.x).all()
+    return bool(finite and call.motion is following.motion and following.state.iteration == call.state.iteration + 1)
+
+
+def _lean(calls: list[Call]) -> tuple[Call, ...]:
+    """The calls; only the first one keeps where the solver stood."""
+    first, *others = calls
+    return first, *(replace(call, state=None, beside=None) for call in others)
+
+
+@contextmanager
+def _watched() -> Iterator[list[Call]]:
+    """Context in which the calls of networks within GAP are appended to a list."""
+    iterations: list[Call] = []
+    calls: list[Call] = []
+    serve = NetworkSession.__call__
+
+    def step(op, y, denoise, state, sigma, rho=0.0, saturated=None):
+        iterations[:] = [Call(op, y, state, sigma, rho)]
+        return gap_step(op, y, denoise, state, sigma, rho, saturated)
+
+    def watched(session, v, sigma, out=None):
+        before = replace(iterations[0], beside=deepcopy(session.beside), stronger=session.stronger, turn=session.turn)
+        x = serve(session, v, sigma, out)
+        calls.append(replace(before, motion=getattr(session.net, "motion", None)))
+        return x
+
+    ALGORITHMS["gap"], NetworkSession.__call__ = step, watched  # type: ignore[method-assign]
+    try:
+        yield calls
+    finally:
+        ALGORITHMS["gap"], NetworkSession.__call__ = gap_step, serve  # type: ignore[method-assign]
