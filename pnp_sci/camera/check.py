@@ -89,12 +89,10 @@ def check_all(
     """
     with np.errstate(all="ignore"):  # extreme numbers make no rule true
         each = map(Masks, ops) if len(ops) > 1 else [Masks(ops[0])] * len(measurements)
-        fits = [
+        return [
             masks.fit(y, sensor, None if bad is None else bad[n], warn_of_bad)
             for n, (masks, y) in enumerate(zip(each, measurements))
         ]
-    lost = Finding("missing", "y is 0 everywhere", "its file may be incomplete, or no light came in")
-    return [fit if y.any() else replace(fit, findings=(*fit.findings, lost)) for fit, y in zip(fits, measurements)]
 
 
 def _with_order(fit: Fit, order: str) -> Fit:
@@ -120,7 +118,10 @@ class Masks:
         height = float(np.abs(y).max())
         nothing = np.zeros(y.shape, bool)
         if height == 0:
-            return Fit(None, None, 0.0, nothing, nothing, self.missing, "y is 0 everywhere")
+            text = "y is 0 everywhere" if bad is None or not bad.any() else "y is 0 in all pixels that are not bad"
+            empty = Finding("empty", text, "look for missing parts of its file, or a closed shutter")
+            found = (*self.missing, empty) if self.masks.any() else self.missing
+            return Fit(None, None, 0.0, nothing, nothing, found, text)
         scaled = (y / height).astype(np.float32)
         good = np.ones(y.shape, bool) if bad is None else ~bad
         saturated = sensor.saturated(y)

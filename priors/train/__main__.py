@@ -53,9 +53,10 @@ def main(
     The video net starts from the image net of this package, which also denoises its input frames. To train both, train
     the image net first, with --weights priors/weights/ffdnet.safetensors. --start takes other weights of NAME.
 
-    With --solves, each process solves that many measurements of the training clips before the first step and at each
-    validation. Half of the loss is then the error of the estimates after up to four successive calls of the network in
-    these solves; the gradient passes through the solver. The budget excludes the time of the solves.
+    With --solves, each process solves that many measurements of the training clips before the first step and after each
+    validation but the last. Half of the loss is then the error of the estimates after up to four successive calls of
+    the network in these solves; the gradient passes through the solver. The budget excludes most of the time of the
+    solves.
 
     Each validation rewrites checkpoint, curves (CSV), weights and model card. Works under torchrun.
     """

@@ -35,7 +35,7 @@ Loss: logarithm of the squared error of a frame; cosine schedule, exponential mo
 Noise: standard deviation log-uniform in 5-50 of 255 for 80 % of the samples, else uniform in 0-75. It is white. For
 {share:.0%} of the samples, part of it is a noise common to all frames times binary masks, as in snapshot residuals.
 {seen} Training began with {origin}.
-{states}
+{solves}
 ## Validation
 
 Mean PSNR in dB over the first {shown} frames, central {size} x {size} pixels, of {count} clips whose scenes are not in
@@ -48,10 +48,11 @@ the training set ({held_out}); white Gaussian noise of seed 0:
 These figures do not measure the prior inside a solver, whose estimates have other errors than white noise.
 """
 
-STATES = """Half of the loss is that of estimates after one to {calls} calls in a row within the solver; call n has
+SOLVES = """Half of the loss is that of estimates after one to {calls} calls in a row within the solver; call n has
 weight n. The gradient passes through these calls. Solves of measurements of training clips gave {windows} windows of
-{calls} calls, of which each step and process takes one. Of the solves, {long:.0%} had {iterations} iterations at one
-sigma, from `adjoint`. The others had the defaults, or the best effort, and `ofanet-fast` where that has weights.
+{calls} calls in each process, of which a step takes one. Of the solves, {long:.0%} had {iterations} iterations at one
+sigma, from `adjoint`, on crops of half the size. The others had the defaults, or the best effort, and `ofanet-fast`
+where that has weights.
 """
 
 
@@ -68,7 +69,7 @@ def write_card(task: Any, progress: Progress, place: Place, digest: str) -> None
         share=FRAME if sample.frames == 1 else CLIP,
         seen=task.prepare.__doc__,
         origin=task.origin,
-        states=_of_states(task.learned * place.world) if task.watch else "",
+        solves=_of_solves(task.windows) if task.watch else "",
         digest=digest,
         command=task.command,
         data=f"{len(moving)} clips ({sum(moving)} frames) and {len(task.training) - len(moving)} photographs",
@@ -90,5 +91,5 @@ def write_card(task: Any, progress: Progress, place: Place, digest: str) -> None
     task.weights.with_suffix(".md").write_text(text)
 
 
-def _of_states(windows: int) -> str:
-    return STATES.format(calls=CALLS, windows=windows, long=LONG, iterations=ITERATIONS)
+def _of_solves(windows: int) -> str:
+    return SOLVES.format(calls=CALLS, windows=windows, long=LONG, iterations=ITERATIONS)

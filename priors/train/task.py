@@ -88,7 +88,8 @@ class Denoising:
         self.settings = str(self.network.architecture)
         self.origin = "earlier weights" if start else self.prepare.origin
         self.collections: list[list[Window]] = []
-        self.collected = self.learned = 0  # number of windows so far, and of those used for training
+        self.latest: torch.nn.Module | None = self.network  # its solves are collected next
+        self.windows = 0  # number in all collections so far
         self.compiled = [self.network]
         self.sampler = Sampler(training, frames=sample.frames, crop=sample.crop, batch=sample.batch, seed=seed)
 
@@ -109,11 +110,11 @@ class Denoising:
     def _of_solves(self, model: torch.nn.Module, place: Place, step: int) -> torch.Tensor:
         """The loss of estimates in solves; that after the n-th call of a window has weight n.
 
-        The first collection is made here, so that a resumed run uses its own weights. Later collections are drawn more
-        often.
+        Later collections are drawn more often.
         """
-        if not self.collections:
-            self._collect(self.network)
+        if self.latest:
+            self._collect(self.latest)
+            self.latest = None
         random = np.random.default_rng([self.sampler.seed, place.rank, step, 1])
         windows = self.collections[random.integers(len(self.collections), size=2).max()]
         window = windows[random.integers(len(windows))]
@@ -123,20 +124,18 @@ class Denoising:
         return torch.stack(losses).sum() / sum(range(len(made) + 1))
 
     def _collect(self, network: torch.nn.Module) -> None:
-        """Add windows of solves with `network`."""
+        """Add windows of solves with `network`, in the place of the oldest collection."""
         assert self.watch
-        windows = self.watch(network)
-        self.collected += len(windows)
-        self.collections = [*self.collections[1 - KEPT :], windows]
+        self.collections = self.collections[1 - KEPT :]
+        self.collections.append(self.watch(network))
+        self.windows += len(self.collections[-1])
 
     def validate(self, network: torch.nn.Module, place: Place) -> torch.Tensor:
         """Sums of the PSNR in dB at each validation level, and the number of clips.
 
-        With a watch, it also collects new samples.
+        With a watch, new samples are collected before the next step.
         """
-        if self.watch:
-            self.learned = self.collected
-            self._collect(network)
+        self.latest = network
         clips = self.validation[place.rank :: place.world]
         return torch.cat([psnr(network, self.prepare, clips, place.device), torch.tensor([float(len(clips))])])
 

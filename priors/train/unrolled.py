@@ -51,7 +51,7 @@ def estimates(window: Window, network: torch.nn.Module, device: torch.device) ->
 
 
 def _denoised(session: Session, x: torch.Tensor | None, noise: float, v: Any, sigma: float) -> Any:
-    """What the solver makes of v; where there is motion, it is displaced as it pulls at the estimate x."""
+    """Displace v, where there is motion, as it differs from the estimate x; then denoise it."""
     if x is not None and sigma >= FAINT:
         estimate = x.numpy(force=True)
         v = passed(v, lambda array: displace(estimate, array, noise))
@@ -59,7 +59,7 @@ def _denoised(session: Session, x: torch.Tensor | None, noise: float, v: Any, si
 
 
 def passed(v: torch.Tensor, change: Callable[[np.ndarray], np.ndarray | None]) -> torch.Tensor:
-    """v as `change` returns it or leaves it, on the CPU; the gradient passes as if nothing had changed."""
+    """Apply `change` to v on the CPU; its gradient is taken as the identity."""
     given, array = v.numpy(force=True), v.numpy(force=True).copy()
     changed = change(array)
     return v + torch.from_numpy((array if changed is None else changed) - given).to(v.device)

@@ -2,7 +2,7 @@
 
 The errors of a solver's estimates differ from white noise. Measurements of training clips are solved with the current
 network, and calls are kept from which :mod:`priors.train.unrolled` runs the solver again. As the estimates depend on
-the weights, new calls are collected at each validation and added to the earlier ones (DAgger).
+the weights, new calls are collected after each validation; the last three collections are used (DAgger).
 
 S. Ross, G. Gordon & J. A. Bagnell, "A reduction of imitation learning and structured prediction to no-regret online
 learning", AISTATS 2011.
@@ -37,7 +37,7 @@ from priors.video import Video
 
 PRIORS = {"video": Video, "ffdnet": FFDNet}
 
-CALLS = 4  # of a window; `video` keeps a motion for as many
+CALLS = Video.renew  # of a window: `video` keeps a motion for as many
 WINDOWS = 4  # kept per measurement, the last one among them, at most
 
 
@@ -90,7 +90,7 @@ class Watch:
     name : "video" or "ffdnet"
         The prior.
     solves : int
-        Measurements per collection. Each takes about 15 MB with crops of 96 pixels.
+        Measurements per collection. Each takes about 15 MB with crops of 96 pixels, in each of three collections.
     crop : int
         Height and width in pixels.
     seed, rank : int
@@ -123,11 +123,10 @@ class Watch:
 
 
 def _follow(call: Call, following: Call) -> bool:
-    """Whether a call follows another one in the next iteration, with the same motion and finite estimates."""
+    """Whether a call follows another one in the next iteration, with the same motion."""
     assert call.state is not None
     assert following.state is not None
-    finite = np.isfinite(call.state.x).all() and np.isfinite(following.state.x).all()
-    return bool(finite and call.motion is following.motion and following.state.iteration == call.state.iteration + 1)
+    return call.motion is following.motion and following.state.iteration == call.state.iteration + 1
 
 
 def _lean(calls: list[Call]) -> tuple[Call, ...]:

@@ -206,8 +206,12 @@ def test_what_cannot_be_told_is_said(scene):
     assert "sums" in fit.unknown
     assert "cannot be told" in str(fit)
     dark = check_fit(np.zeros((128, 128)), scene.masks)
-    assert [finding.kind for finding in dark.findings] == ["missing"]
+    assert [finding.kind for finding in dark.findings] == ["empty"]
     assert dark.unknown == "y is 0 everywhere"
+    assert check_fit(np.zeros((128, 128)), np.zeros_like(scene.masks)).ok, "closed masks let no light in"
+    bad = np.zeros((128, 128), bool)
+    bad[3, 4] = True
+    assert "not bad" in check_fit(np.where(bad, 1.0, 0.0), scene.masks, bad=bad).findings[0].text
 
 
 def test_missing_planes_and_measurements_are_noticed(scene):
@@ -217,7 +221,7 @@ def test_missing_planes_and_measurements_are_noticed(scene):
     assert fit.findings[0].kind == "missing"
     assert "view 1, frames 6, 7, 8, 9, 10" in fit.warnings[0]
     fits = check_fit(np.stack([scene.y, 0 * scene.y]), scene.masks)
-    assert [[finding.kind for finding in fit.findings] for fit in fits] == [[], ["missing"]]
+    assert [[finding.kind for finding in fit.findings] for fit in fits] == [[], ["empty"]]
 
 
 def test_the_order_of_frames_is_told_by_successive_measurements():

@@ -138,7 +138,7 @@ def test_solves_need_weights_and_are_on_the_card(folder, tmp_path):
     card = (tmp_path / "ffdnet.md").read_text()
     assert "--start start.safetensors --solves 1" in card
     parts = int(card.split(" windows of")[0].split()[-1])
-    assert 2 <= parts <= 2 * windows.WINDOWS, "two collections; the third is for later steps"
+    assert 2 <= parts <= 2 * windows.WINDOWS, "two collections, none after the last validation"
     assert "windows of" not in start.with_suffix(".md").read_text()
 
 
@@ -149,7 +149,7 @@ def test_half_of_the_loss_is_that_of_the_estimates(folder, watch, tmp_path):
     window, place = watch()(network("video"))[0], loop.Place.here("cpu")
 
     def of_solves(truth):
-        both.collections = [[windows.Window(window.calls, truth)]]
+        both.collections, both.latest = [[windows.Window(window.calls, truth)]], None
         with torch.no_grad():
             of_noise, mean = (float(t.loss(t.network, place, 0)) for t in (alone, both))
         return 2 * mean - of_noise
