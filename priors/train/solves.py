@@ -16,7 +16,7 @@ from priors.train.data import Sampler
 SETUPS = {(2, 10): 0.45, (2, 6): 0.13, (2, 14): 0.1, (1, 8): 0.2, (1, 16): 0.12}  # (views, frames): probability
 QUIET, NOISE = 0.65, (0.004, 0.1)  # fraction without noise, and range of the others' log-uniform noise, of max(y)
 DENSE, DENSITY = 0.75, (0.3, 0.6)  # fraction of masks of density 1/2, and range of the others' uniform density
-LONG = 0.1  # fraction of measurements solved from `adjoint` at one sigma for long, where errors of single calls add up
+LONG = 0.2  # fraction of measurements solved from `adjoint` at one sigma for long, where errors of single calls add up
 ITERATIONS = 300  # of long solves
 SIGMA = 3 / 255, 15 / 255  # range of the log-uniform sigma of long solves
 SMALL = 0.5  # side of the crop for long solves, in units of that for others
