@@ -43,18 +43,26 @@ def test_nothing_is_still_where_none_may_be(moving, monkeypatch):
 
 @pytest.mark.parametrize("kind", KINDS)
 def test_a_camera_that_stands_still_helps(kind, monkeypatch):
-    """A square goes by before a still picture: what is still gains by all frames, and the square does not lose."""
+    """A square goes by before a still picture: what is still gains by all frames, and the square does not lose.
+
+    Of one measurement the square may gain or lose 0.1 dB, so the mean of three counts.
+    """
     truth = np.repeat(datasets.embedded_scene(96).truth[:1, :1], 10, 1)
     for b in range(10):
         truth[0, b, 30:50, 5 * b : 5 * b + 20] = 0.9
-    masks = pnp_sci.moving_masks(truth.shape, seed=1)
-    y = pnp_sci.simulate(truth, masks)
-    with_it = pnp_sci.solve(y, masks, kind(), scene="full", init="adjoint").x
+
+    def quality():
+        """PSNR of all rows and of those of the square."""
+        for seed in (1, 2, 3):
+            masks = pnp_sci.moving_masks(truth.shape, seed=seed)
+            x = pnp_sci.solve(pnp_sci.simulate(truth, masks), masks, kind(), scene="full", init="adjoint").x
+            yield [pnp_sci.psnr(x[:, :, rows], truth[:, :, rows])[0] for rows in (slice(None), slice(30, 50))]
+
+    with_it = np.mean(list(quality()), 0)
     monkeypatch.setattr(motion, "_at_rest", lambda pilot, *_: np.zeros(pilot.shape[1:], np.float32))
-    without = pnp_sci.solve(y, masks, kind(), scene="full", init="adjoint").x
-    for rows, gain in ((slice(None), 0.05), (slice(30, 50), -0.1)):
-        better, worse = (pnp_sci.psnr(x[:, :, rows], truth[:, :, rows])[0] for x in (with_it, without))
-        assert better > worse + gain
+    gain = with_it - np.mean(list(quality()), 0)
+    assert gain[0] > 0.05
+    assert gain[1] > -0.05
 
 
 def test_bm3d_is_told_what_the_averages_leave(moving):
