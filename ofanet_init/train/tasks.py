@@ -56,6 +56,13 @@ class Stage:
         digest = _weights.save(self.weights, self.averaged(network))
         write_card(self, progress, place, digest)
 
+    def state(self) -> dict[str, Any]:
+        """Nothing: samples depend on seed, rank and step only."""
+        return {}
+
+    def restore(self, state: dict[str, Any]) -> None:
+        """Nothing is kept."""
+
     def averaged(self, network: torch.nn.Module) -> torch.nn.Module:
         """The whole model with the averaged weights of the part that this stage trains."""
         return network

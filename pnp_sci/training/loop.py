@@ -15,7 +15,7 @@ from dataclasses import dataclass, field
 from datetime import timedelta
 from pathlib import Path
 from pickle import UnpicklingError
-from typing import Protocol
+from typing import Any, Protocol
 
 import torch
 from torch import distributed
@@ -119,6 +119,14 @@ class Task(Protocol):
 
     def validate(self, network: torch.nn.Module, place: Place) -> torch.Tensor:
         """Sum of each score over the validation cases of this process, then the number of cases."""
+        ...
+
+    def state(self) -> dict[str, Any]:
+        """What a resumed run needs beside network and step: tensors, numbers and containers of them."""
+        ...
+
+    def restore(self, state: dict[str, Any]) -> None:
+        """Go on from what `state` has returned."""
         ...
 
     def publish(self, network: torch.nn.Module, progress: Progress, place: Place) -> None:
@@ -232,6 +240,7 @@ class Trainer:
             "average": self.average.state_dict(),
             "optimizers": [optimizer.state_dict() for optimizer in self.optimizers],
             "progress": vars(self.progress),
+            "task": self.task.state(),
         }
         with replacing(out / "checkpoint.pt") as temporary:
             torch.save(state, temporary)
@@ -266,8 +275,9 @@ class Trainer:
         try:
             self.network.load_state_dict(state["network"])
             self.average.load_state_dict(state["average"])
-        except RuntimeError as error:
-            raise FormatError(f"resume: the checkpoint is of {earlier}: its weights do not fit the network") from error
+            self.task.restore(state["task"])
+        except (KeyError, RuntimeError) as error:
+            raise FormatError(f"resume: the checkpoint is of {earlier}: its values do not fit") from error
         for optimizer, kept in zip(self.optimizers, state["optimizers"]):
             optimizer.load_state_dict(kept)
         self.progress = Progress(**state["progress"])

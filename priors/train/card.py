@@ -69,7 +69,7 @@ def write_card(task: Any, progress: Progress, place: Place, digest: str) -> None
         share=FRAME if sample.frames == 1 else CLIP,
         seen=task.prepare.__doc__,
         origin=task.origin,
-        solves=_of_solves(task.windows) if task.watch else "",
+        solves=_of_solves(sum(task.windows.values())) if task.watch else "",
         digest=digest,
         command=task.command,
         data=f"{len(moving)} clips ({sum(moving)} frames) and {len(task.training) - len(moving)} photographs",

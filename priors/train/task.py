@@ -3,8 +3,10 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
+from copy import deepcopy
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import torch
@@ -22,7 +24,7 @@ from priors.train.validation import LEVELS, denoised, psnr
 from priors.train.windows import Watch, Window
 
 LEAST = 1e-6  # added to mean squares in the loss, which limits the weight of errors below 0.001
-KEPT = 3  # collections of windows, the latest ones
+KEPT = 3  # latest collections of windows
 
 
 @dataclass(frozen=True)
@@ -87,9 +89,9 @@ class Denoising:
         self.network = _weights.load(start, name)[0].train() if start else self.prepare.start()
         self.settings = str(self.network.architecture)
         self.origin = "earlier weights" if start else self.prepare.origin
-        self.collections: list[list[Window]] = []
-        self.latest: torch.nn.Module | None = self.network  # its solves are collected next
-        self.windows = 0  # number in all collections so far
+        self.solvers: dict[int, torch.nn.Module] = {0: deepcopy(self.network)}  # of each collection
+        self.collections: dict[int, list[Window]] = {}
+        self.windows: dict[int, int] = {}  # number of windows in each collection so far
         self.compiled = [self.network]
         self.sampler = Sampler(training, frames=sample.frames, crop=sample.crop, batch=sample.batch, seed=seed)
 
@@ -112,32 +114,44 @@ class Denoising:
 
         Later collections are drawn more often.
         """
-        if self.latest:
-            self._collect(self.latest)
-            self.latest = None
+        self._collect()
         random = np.random.default_rng([self.sampler.seed, place.rank, step, 1])
-        windows = self.collections[random.integers(len(self.collections), size=2).max()]
+        windows = list(self.collections.values())[random.integers(len(self.collections), size=2).max()]
         window = windows[random.integers(len(windows))]
         truth = torch.from_numpy(window.truth).to(place.device)
         made = list(estimates(window, model, place.device))
         losses = [n * ((x - truth).square().mean((2, 3)) + LEAST).log().mean() for n, x in enumerate(made, 1)]
         return torch.stack(losses).sum() / sum(range(len(made) + 1))
 
-    def _collect(self, network: torch.nn.Module) -> None:
-        """Add windows of solves with `network`, in the place of the oldest collection."""
+    def _collect(self) -> None:
+        """Make the collections that are missing, in the place of older ones."""
         assert self.watch
-        self.collections = self.collections[1 - KEPT :]
-        self.collections.append(self.watch(network))
-        self.windows += len(self.collections[-1])
+        self.collections = {n: found for n, found in self.collections.items() if n in self.solvers}
+        for n in sorted(self.solvers.keys() - self.collections.keys()):
+            self.collections[n] = self.watch(self.solvers[n], n)
+            self.windows[n] = len(self.collections[n])
 
     def validate(self, network: torch.nn.Module, place: Place) -> torch.Tensor:
         """Sums of the PSNR in dB at each validation level, and the number of clips.
 
         With a watch, new samples are collected before the next step.
         """
-        self.latest = network
+        last = max(self.solvers)
+        self.solvers = {n: solver for n, solver in self.solvers.items() if n > last + 1 - KEPT}
+        self.solvers[last + 1] = deepcopy(network)
         clips = self.validation[place.rank :: place.world]
         return torch.cat([psnr(network, self.prepare, clips, place.device), torch.tensor([float(len(clips))])])
+
+    def state(self) -> dict[str, Any]:
+        """What collections are made again from."""
+        return {"solvers": {n: solver.state_dict() for n, solver in self.solvers.items()}, "windows": self.windows}
+
+    def restore(self, state: dict[str, Any]) -> None:
+        """Go on from such a state: the last collections are made again before the next step."""
+        self.windows, self.solvers = state["windows"], {}
+        for n, weights in state["solvers"].items():
+            self.solvers[n] = deepcopy(self.network)
+            self.solvers[n].load_state_dict(weights)
 
     def publish(self, network: torch.nn.Module, progress: Progress, place: Place) -> None:
         """Write weights and model card."""

@@ -34,19 +34,18 @@ from priors.train.windows import Window
 
 def estimates(window: Window, network: torch.nn.Module, device: torch.device) -> Iterator[torch.Tensor]:
     """The estimates x (V, B, H, W) after each call of a window, with `network`."""
-    first = window.calls[0]
+    first = window.first
     motion = WithGradient(first.motion, device) if first.motion else None
     net: Any = Trained(network, motion)
     session = NetworkSession(net, Passing(first.beside), first.stronger, first.turn)
     op, s = TorchSensingOperator(first.op, device=device), first.state
-    assert s is not None
     y, x, residual, dual = (torch.from_numpy(a).to(device) for a in (first.y, s.x, s.residual, s.dual))
     state = State(s.iteration, x, residual, dual, s.sigma, s.pace)
-    for call in window.calls:
-        rho = torch.from_numpy(call.rho).to(device) if isinstance(call.rho, np.ndarray) else call.rho
-        noise = call.sigma + float(np.mean(call.rho)) / float(op.gram.mean())
+    for sigma, rho in window.steps:
+        noise = sigma + float(np.mean(rho)) / float(op.gram.mean())
         denoise = partial(_denoised, session, state.x if motion else None, noise)
-        state = gap_step(op, y, denoise, rescaled(state, call.sigma), call.sigma, rho)
+        trust = torch.from_numpy(rho).to(device) if isinstance(rho, np.ndarray) else rho
+        state = gap_step(op, y, denoise, rescaled(state, sigma), sigma, trust)
         yield state.x
 
 

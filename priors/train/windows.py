@@ -10,10 +10,11 @@ learning", AISTATS 2011.
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 from copy import deepcopy
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
+from functools import partial
 from pathlib import Path
 from tempfile import TemporaryDirectory
 from typing import Any
@@ -50,12 +51,12 @@ class Call:
     op : SensingOperator
     y : ndarray, (H, W)
     state : State
-        Before the iteration; None in later calls of a window.
+        Before the iteration.
     sigma : float
     rho : float or ndarray, (H, W)
         Of the iteration.
     beside : Session
-        Of total variation, before the call; None in later calls of a window.
+        Of total variation, before the call.
     stronger, turn
         As :class:`priors.session.NetworkSession` has them before the call.
     motion : OfArrays, or None for the image net
@@ -63,20 +64,30 @@ class Call:
 
     op: SensingOperator
     y: np.ndarray
-    state: State | None
+    state: State
     sigma: float
     rho: Any
-    beside: Any = None
-    stronger: float = 1.0
-    turn: int = 0
-    motion: OfArrays | None = None
+    beside: Any
+    stronger: float
+    turn: int
+    motion: OfArrays | None
 
 
 @dataclass(frozen=True, eq=False)
 class Window:
-    """Calls in a row with the same motion, and the true frames (V, B, H, W) in the units of the estimates."""
+    """Calls in a row with the same motion.
 
-    calls: tuple[Call, ...]
+    Attributes
+    ----------
+    first : Call
+    steps : tuple of (float, float or ndarray)
+        sigma and rho of each call, the first one included.
+    truth : ndarray, (V, B, H, W)
+        The true frames in the units of the estimates.
+    """
+
+    first: Call
+    steps: tuple[tuple[float, Any], ...]
     truth: np.ndarray
 
 
@@ -98,58 +109,55 @@ class Watch:
     """
 
     def __init__(self, clips: Sequence[Clip], name: str, solves: int, crop: int, seed: int, rank: int):
-        self.clips, self.name, self.solves, self.crop = clips, name, solves, crop
-        self.random = np.random.default_rng([seed, rank])
+        self.clips, self.name, self.solves, self.crop, self.seed, self.rank = clips, name, solves, crop, seed, rank
 
-    def __call__(self, network: torch.nn.Module) -> list[Window]:
-        """Solve measurements with the weights of `network`; return windows of its calls."""
+    def __call__(self, network: torch.nn.Module, collection: int) -> list[Window]:
+        """Solve the measurements of a collection with the weights of `network`; return windows of its calls."""
+        random = np.random.default_rng([self.seed, self.rank, collection])
         with TemporaryDirectory() as folder:
             path = Path(folder) / f"{self.name}.safetensors"
             files.save(path, self.name, network.architecture, network)  # type: ignore[arg-type]
             prior = PRIORS[self.name](weights=path)
-            found = [window for _ in range(self.solves) for window in self._of_one(prior)]
+            found = [window for _ in range(self.solves) for window in self._of_one(prior, random)]
         if not found:
             raise InputError(f"solves: none of {self.solves} measurements gave {CALLS} calls of the network in a row")
         return found
 
-    def _of_one(self, prior: Prior) -> list[Window]:
+    def _of_one(self, prior: Prior, random: np.random.Generator) -> list[Window]:
         """Windows of the solve of one random measurement."""
         with _watched() as calls:
-            truth = solved(self.clips, prior, self.crop, self.random)
+            truth = solved(self.clips, prior, self.crop, random)
         parts = [calls[k : k + CALLS] for k in range(len(calls) - CALLS + 1)]
         parts = [part for part in parts if all(map(_follow, part, part[1:]))]
-        chosen = {*self.random.permutation(len(parts))[: WINDOWS - 1].tolist(), len(parts) - 1}
-        return [Window(_lean(parts[k]), truth) for k in sorted(chosen) if parts]
+        chosen = {*random.permutation(len(parts))[: WINDOWS - 1].tolist(), len(parts) - 1}
+        return [_window(parts[k], truth) for k in sorted(chosen) if parts]
 
 
 def _follow(call: Call, following: Call) -> bool:
     """Whether a call follows another one in the next iteration, with the same motion."""
-    assert call.state is not None
-    assert following.state is not None
     return call.motion is following.motion and following.state.iteration == call.state.iteration + 1
 
 
-def _lean(calls: list[Call]) -> tuple[Call, ...]:
-    """The calls; only the first one keeps where the solver stood."""
-    first, *others = calls
-    return first, *(replace(call, state=None, beside=None) for call in others)
+def _window(calls: list[Call], truth: np.ndarray) -> Window:
+    """The calls without what a repetition of them computes."""
+    return Window(calls[0], tuple((call.sigma, call.rho) for call in calls), truth)
 
 
 @contextmanager
 def _watched() -> Iterator[list[Call]]:
     """Context in which the calls of networks within GAP are appended to a list."""
-    iterations: list[Call] = []
+    iterations: list[Callable[..., Call]] = []
     calls: list[Call] = []
     serve = NetworkSession.__call__
 
     def step(op, y, denoise, state, sigma, rho=0.0, saturated=None):
-        iterations[:] = [Call(op, y, state, sigma, rho)]
+        iterations[:] = [partial(Call, op, y, state, sigma, rho)]
         return gap_step(op, y, denoise, state, sigma, rho, saturated)
 
     def watched(session, v, sigma, out=None):
-        before = replace(iterations[0], beside=deepcopy(session.beside), stronger=session.stronger, turn=session.turn)
+        before = deepcopy(session.beside), session.stronger, session.turn
         x = serve(session, v, sigma, out)
-        calls.append(replace(before, motion=getattr(session.net, "motion", None)))
+        calls.append(iterations[0](*before, getattr(session.net, "motion", None)))
         return x
 
     ALGORITHMS["gap"], NetworkSession.__call__ = step, watched  # type: ignore[method-assign]

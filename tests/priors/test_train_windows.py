@@ -1,6 +1,7 @@
 """Calls of a network within the solver, as material for its training."""
 
 from contextlib import nullcontext
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -40,15 +41,15 @@ def network(name):
 @pytest.fixture
 def watch(folder):
     training, _ = clips.split(clips.load_clips([folder]))
-    return lambda name="video", rank=0: windows.Watch(training, name, solves=2, crop=32, seed=1, rank=rank)
+    return lambda name="video", rank=0, solves=2: windows.Watch(training, name, solves, crop=32, seed=1, rank=rank)
 
 
 def test_windows_are_calls_in_a_row_beside_their_own_truth(watch, name):
-    found = watch(name)(network(name))
+    found = watch(name)(network(name), 0)
     assert 2 <= len(found) <= 2 * windows.WINDOWS
     for window in found:
-        first = window.calls[0]
-        assert len(window.calls) == windows.CALLS
+        first = window.first
+        assert len(window.steps) == windows.CALLS
         assert window.truth.shape == first.state.x.shape
         assert (first.motion is None) == (name == "ffdnet")
         error, elsewhere = (np.square(first.state.x - t).mean() for t in (window.truth, window.truth[:, ::-1, ::-1]))
@@ -57,22 +58,24 @@ def test_windows_are_calls_in_a_row_beside_their_own_truth(watch, name):
         assert np.abs(measured - first.y).mean() < 0.1 * first.y.mean(), "the truth is in the units of y"
 
 
-def test_windows_depend_on_seed_rank_and_network(watch):
-    usual, again, other = (watch(rank=rank)(network("video")) for rank in (0, 0, 1))
+def test_windows_depend_on_seed_rank_collection_and_network(watch):
+    usual, again, elsewhere = (watch(rank=rank)(network("video"), 0) for rank in (0, 0, 1))
+    later = watch()(network("video"), 1)
     assert np.array_equal(again[0].truth, usual[0].truth)
-    assert np.array_equal(again[-1].calls[0].state.x, usual[-1].calls[0].state.x)
-    assert not np.array_equal(other[0].truth.ravel()[:99], usual[0].truth.ravel()[:99])
+    assert np.array_equal(again[-1].first.state.x, usual[-1].first.state.x)
+    for other in elsewhere, later:
+        assert not np.array_equal(other[0].truth.ravel()[:99], usual[0].truth.ravel()[:99])
     idle = network("video")
     torch.nn.init.zeros_(idle.tail.weight)
-    changed = watch()(idle)
+    changed = watch()(idle, 0)
     assert np.array_equal(changed[0].truth, usual[0].truth)
-    assert not np.array_equal(changed[-1].calls[0].state.x, usual[-1].calls[0].state.x)
+    assert not np.array_equal(changed[-1].first.state.x, usual[-1].first.state.x)
 
 
 def test_long_solves_have_one_sigma_and_start_from_adjoint(watch, monkeypatch):
     monkeypatch.setattr(solves, "LONG", 1)
     monkeypatch.setattr(solves, "ITERATIONS", 70)
-    states = [call.state for window in watch()(network("video")) for call in window.calls if call.state]
+    states = [window.first.state for window in watch()(network("video"), 0)]
     sigmas = [state.sigma for state in states]
     assert min(state.iteration for state in states) >= Video.first, "no decoder made the start"
     assert len(set(sigmas)) <= 2, "one for each of two measurements"
@@ -81,21 +84,22 @@ def test_long_solves_have_one_sigma_and_start_from_adjoint(watch, monkeypatch):
 
 def test_watching_ends_with_the_solve(watch, monkeypatch):
     serve, step = NetworkSession.__call__, iterate.ALGORITHMS["gap"]
-    watch()(network("video"))
+    watch()(network("video"), 0)
     monkeypatch.setattr(windows, "solved", lambda *_: 1 / 0)
     with pytest.raises(ZeroDivisionError):
-        watch()(network("video"))
+        watch()(network("video"), 0)
     assert NetworkSession.__call__ is serve
     assert iterate.ALGORITHMS["gap"] is step
 
 
 def test_estimates_are_those_of_the_solver(watch, name, monkeypatch):
-    monkeypatch.setattr(windows, "_lean", tuple)  # later calls keep where the solver stood, too
-    for window in watch(name)(network(name)):
+    calls, lean = [], windows._window
+    monkeypatch.setattr(windows, "_window", lambda part, truth: calls.append(part) or lean(part, truth))
+    for window, (first, *later) in zip(watch(name)(network(name), 0), calls, strict=True):
         made = list(unrolled.estimates(window, network(name), CPU))
         assert len(made) == windows.CALLS
-        for x, call in zip(made, window.calls[1:]):
-            step = np.sqrt(np.square(call.state.x - window.calls[0].state.x).mean())
+        for x, call in zip(made, later):
+            step = np.sqrt(np.square(call.state.x - first.state.x).mean())
             assert np.sqrt(np.square(x.numpy(force=True) - call.state.x).mean()) < 0.2 * step + 1e-4
 
 
@@ -103,7 +107,7 @@ def test_gradient_goes_through_the_solver(watch, monkeypatch):
     """Against differences, without what counts as given, and in float32."""
     monkeypatch.setattr(unrolled, "passed", lambda v, change: v)
     monkeypatch.setattr(unrolled, "mixed_precision", lambda device: nullcontext())
-    window, net = watch()(network("video"))[0], network("video")
+    window, net = watch()(network("video"), 0)[0], network("video")
     weight = net.tail.weight
 
     def error():
@@ -147,13 +151,41 @@ def test_half_of_the_loss_is_that_of_the_estimates(folder, watch, tmp_path):
     material = clips.split(clips.load_clips([folder]))
     common = ("video", *material, task.Sample(8, 1, 32), 0, tmp_path / "weights.safetensors", "by a test")
     alone, both = (task.Denoising(*common, shipped / "video.safetensors", w) for w in (None, watch()))
-    window, place = watch()(network("video"))[0], loop.Place.here("cpu")
+    window, place = watch()(network("video"), 0)[0], loop.Place.here("cpu")
 
     def of_solves(truth):
-        both.collections, both.latest = [[windows.Window(window.calls, truth)]], None
+        both.collections = {0: [replace(window, truth=truth)]}
         with torch.no_grad():
             of_noise, mean = (float(t.loss(t.network, place, 0)) for t in (alone, both))
         return 2 * mean - of_noise
 
     assert of_solves(np.full_like(window.truth, 10)) == pytest.approx(2 * np.log(10 - window.truth.mean()), abs=0.1)
     assert of_solves(window.truth) < 0
+
+
+def test_a_resumed_run_makes_its_collections_again(folder, watch, tmp_path, monkeypatch):
+    """It has the same samples and ends with the same weights."""
+    material = clips.split(clips.load_clips([folder]))
+
+    def train(out, resume=False):
+        common = ("video", *material, task.Sample(8, 1, 32), 0, out / "weights.safetensors", "by a test")
+        denoising = task.Denoising(*common, shipped / "video.safetensors", watch(solves=1))
+        budget = loop.Budget(out, steps=8, validations=4)
+        loop.train(denoising, budget, loop.Place.here("cpu"), resume)
+        return denoising
+
+    def interrupted(trainer, done, step=loop.Trainer.step):
+        if trainer.progress.step == 6:
+            raise KeyboardInterrupt
+        return step(trainer, done)
+
+    whole = train(tmp_path / "whole")
+    with monkeypatch.context() as patch:
+        patch.setattr(loop.Trainer, "step", interrupted)
+        with pytest.raises(KeyboardInterrupt):
+            train(tmp_path / "parts")
+    resumed = train(tmp_path / "parts", resume=True)
+    assert list(whole.collections) == list(resumed.collections) == [1, 2, 3], "none after the last validation"
+    assert resumed.windows == whole.windows
+    for one, other in zip(whole.network.parameters(), resumed.network.parameters()):
+        assert torch.equal(one, other)
