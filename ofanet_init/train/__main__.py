@@ -14,7 +14,8 @@ from ofanet_init.config import FLOWS, REFINES, OFaNetConfig
 from ofanet_init.train.tasks import Baseline, Flow, Reconstruction, Sample
 from pnp_sci.errors import InputError
 from pnp_sci.training.clips import load_clips, split
-from pnp_sci.training.loop import OPTIMIZERS, SCHEDULES, Budget, Place, launch, train
+from pnp_sci.training.loop import OPTIMIZERS, SCHEDULES, Budget, launch, train
+from pnp_sci.training.task import Place
 
 FOLDER = click.Path(exists=True, file_okay=False, path_type=Path)
 PATH = click.Path(path_type=Path)

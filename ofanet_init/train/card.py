@@ -6,7 +6,7 @@ from typing import Any
 
 import torch
 
-from pnp_sci.training.loop import Place, Progress
+from pnp_sci.training.task import Place, Progress
 
 CARD = """# {title} for {views} view(s) of {frames} frames
 

@@ -21,7 +21,7 @@ from pnp_sci.accel.inference import mixed_precision
 from pnp_sci.errors import InputError
 from pnp_sci.masks import moving_masks
 from pnp_sci.training.clips import Clip
-from pnp_sci.training.loop import Place, Progress
+from pnp_sci.training.task import Place, Progress
 
 SIZE = 256  # pixels: side of the central square of a validation clip
 ALPHA = 1.0  # weight of the separator's loss, as in the paper

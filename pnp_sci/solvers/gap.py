@@ -8,6 +8,8 @@ from pnp_sci._tuned import Tuned
 from pnp_sci.accel.arrays import dot
 from pnp_sci.solvers.state import Array, Denoise, Operator, State, missing
 
+FIRST = 2.0  # pace of the first iteration: the largest at which a residual grows with no prior, see pace_after
+
 
 @dataclass(frozen=True)
 class PaceNumbers(Tuned):

@@ -11,7 +11,8 @@ import torch
 
 from pnp_sci.errors import InputError
 from pnp_sci.training.clips import load_clips, split
-from pnp_sci.training.loop import OPTIMIZERS, Budget, Place, launch, train
+from pnp_sci.training.loop import OPTIMIZERS, Budget, launch, train
+from pnp_sci.training.task import Place
 from priors.motion.measure import SMALLEST
 from priors.train.task import Denoising, Sample
 from priors.train.windows import Watch

@@ -6,7 +6,7 @@ from typing import Any
 
 import torch
 
-from pnp_sci.training.loop import Place, Progress
+from pnp_sci.training.task import Place, Progress
 from priors.networks import LIMIT
 from priors.train.data import CLIP, FRAME
 from priors.train.solves import ITERATIONS, LONG

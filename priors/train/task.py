@@ -12,7 +12,7 @@ import numpy as np
 import torch
 
 from pnp_sci.training.clips import Clip
-from pnp_sci.training.loop import Place, Progress
+from pnp_sci.training.task import Place, Progress
 from priors.networks import files as _weights
 from priors.networks.along_motion import averaged, see
 from priors.networks.image import WEIGHTS, ImageNet

@@ -205,7 +205,7 @@ def test_tensors_in_the_loop(scene):
             op, prior = SensingOperator(scene.masks), Made(lambda v, sigma: 0.9 * v, known=Traits(motion=True))
             session = iterate.InTurn(iterate.turns(prior, op.shape), op.shape, op.dtype)
             schedule = schedule_for(op, 0.3)
-            arrays = map(backend.put, (scene.y.astype(np.float32), scene.truth.astype(np.float32)))
+            arrays = map(backend.put, (scene.y.astype(np.float32), 0.9 * scene.truth.astype(np.float32)))
             y, x = arrays
             states = iterate.states(backend.operator(op), y, session, x, gap_step, schedule)
             ends.append(backend.get(next(itertools.islice(states, 4, None)).x))
