@@ -8,8 +8,10 @@ from functools import partial
 from pathlib import Path
 from typing import Any
 
+import numpy as np
+
 from pnp_sci._tuned import Tuned
-from pnp_sci.accel.arrays import single
+from pnp_sci.accel.arrays import library, single
 from priors.motion.measure import TUNED as MOTION
 from priors.motion.measure import may_show_motion
 from priors.motion.videos import VideoMotion, finished, seen
@@ -17,6 +19,7 @@ from priors.networks import LIMIT
 from priors.networks.image import ImageNet, runner
 
 FAINT = 1e-4  # sigma below which frames are not averaged
+AROUND = 9  # pixels: side of the square of a local mean of the pull
 
 
 @dataclass(frozen=True)
@@ -36,7 +39,8 @@ class VideoNet:
 
     The motion is estimated from frames that the image net has denoised. The noisy frames are averaged along it, which
     keeps their detail. A network of the same size removes the residual noise. Its level varies between pixels with the
-    weights of the neighbours. Single frames, and frames too small for optical flow, are denoised by the image net.
+    weights of the neighbours. The network also sees what a frame has beside its average, and is told how hard the data
+    pull at the solver's estimate. Single frames, and frames too small for optical flow, are denoised by the image net.
 
     Parameters
     ----------
@@ -64,7 +68,7 @@ class VideoNet:
         """SHA-256 of the weights of each network."""
         return [self.runner.sha256, *self.image.hashes]
 
-    def __call__(self, x: Any, sigma: float, turn: int = 0) -> Any:
+    def __call__(self, x: Any, sigma: float, turn: int = 0, pull: Any = None) -> Any:
         """Denoise x (V, B, H, W), of the same shape in all calls; arguments and result as for :class:`ImageNet`."""
         if not may_show_motion(x.shape) or sigma < FAINT:
             return self.image(x, sigma, turn)
@@ -73,7 +77,7 @@ class VideoNet:
             self.motion = see(self.image, frames, sigma, self.motion if self.renew > 1 else None)
             self.still = self.motion.at_rest
         self.calls += 1
-        return x - noise(frames, sigma, self.motion, partial(self.runner.noise, turn=turn))
+        return x - noise(frames, sigma, self.motion, partial(self.runner.noise, turn=turn), pull)
 
     def finish(self, x: Any, sigma: float) -> Any:
         """Average a solver's last estimate x (V, B, H, W) along the motion estimated from x; sigma is the last one."""
@@ -92,14 +96,35 @@ def see(image: ImageNet, x: Any, sigma: float, before: VideoMotion | None = None
     return seen(image(x, TUNED.sharp * sigma), *seeing, before)
 
 
-def averaged(x: Any, sigma: float, motion: VideoMotion) -> tuple[Any, Any]:
-    """Averages of x (V, B, H, W) along the motion of each view, and the standard deviation of their noise."""
-    return motion.average(x), motion.remaining * sigma
+def pulled(x: Any, v: Any) -> Any:
+    """How hard the data pull at an estimate x (V, B, H, W) of which the solver makes v: float32 (H, W).
+
+    It is the root of a local mean of the sum of ``(v - x)^2`` over views and frames. With ``v - x = Phi^T b / gram``,
+    as in GAP, the sum is ``b^2 / gram``, which depends little on masks and their number. Gradients do not pass.
+    """
+    if isinstance(v, np.ndarray):
+        from scipy.ndimage import uniform_filter
+
+        change = v - x
+        power = uniform_filter(np.einsum("vbij,vbij->ij", change, change), AROUND, mode="nearest")
+        return np.sqrt(np.maximum(power, 0)).astype(np.float32, copy=False)
+    from priors.on_device.filters import box
+
+    return box((v - x).detach().square().sum((0, 1)), AROUND).sqrt().float()
 
 
-def noise(x: Any, sigma: float, motion: VideoMotion, network: Callable[[Any, Any], Any]) -> Any:
+def pictures(x: Any, sigma: float, motion: VideoMotion, pull: Any = None) -> tuple[Any, Any]:
+    """What the network sees of x (V, B, H, W) with noise `sigma`: pictures and their levels, (V, B, 2, H, W) each.
+
+    First averages along the motion, and the standard deviation of their noise. Then what a frame has beside its
+    average, and what :func:`pulled` returns, or 0 where it is not known.
+    """
+    lib, mean, level = library(x), motion.average(x), motion.remaining * sigma
+    pull = lib.zeros_like(level) if pull is None else lib.broadcast_to(pull, level.shape)
+    return lib.stack([mean, x - mean], 2), lib.stack([level, pull], 2)
+
+
+def noise(x: Any, sigma: float, motion: VideoMotion, network: Callable[[Any, Any], Any], pull: Any = None) -> Any:
     """Noise of x (V, B, H, W): what averages along the motion remove, and what the network finds in the averages."""
-    mean, level = averaged(x, sigma, motion)
-    flat = (-1, *x.shape[2:])
-    total = x - mean + network(mean.reshape(flat), level.reshape(flat)).reshape(x.shape)
-    return total.clip(-LIMIT * sigma, LIMIT * sigma)
+    shown, levels = (part.reshape(-1, *part.shape[2:]) for part in pictures(x, sigma, motion, pull))
+    return (shown[:, 1] + network(shown, levels)).reshape(x.shape).clip(-LIMIT * sigma, LIMIT * sigma)

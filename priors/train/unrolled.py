@@ -41,6 +41,7 @@ def estimates(window: Window, network: torch.nn.Module, device: torch.device) ->
     op, s = TorchSensingOperator(first.op, device=device), first.state
     y, x, residual, dual = (torch.from_numpy(a).to(device) for a in (first.y, s.x, s.residual, s.dual))
     state = State(s.iteration, x, residual, dual, s.sigma, s.pace)
+    session.last = x if first.later else None
     for sigma, rho in window.steps:
         noise = sigma + float(np.mean(rho)) / float(op.gram.mean())
         denoise = partial(_denoised, session, state.x if motion else None, noise)
@@ -81,16 +82,16 @@ class Trained:
     def __init__(self, network: torch.nn.Module, motion: WithGradient | None):
         self.network, self.motion = network, motion
 
-    def __call__(self, x: torch.Tensor, sigma: float, turn: int) -> torch.Tensor:
+    def __call__(self, x: torch.Tensor, sigma: float, turn: int, pull: torch.Tensor | None) -> torch.Tensor:
         """Denoise x (V, B, H, W)."""
         if self.motion is None:
-            frames = x.flatten(0, 1)
+            frames = x.flatten(0, 1)[:, None]
             return x - self._noise(frames, torch.full_like(frames, sigma), turn).reshape(x.shape)
-        return x - along_motion.noise(x, sigma, self.motion, partial(self._noise, turn=turn))
+        return x - along_motion.noise(x, sigma, self.motion, partial(self._noise, turn=turn), pull)
 
-    def _noise(self, frames: torch.Tensor, level: torch.Tensor, turn: int) -> torch.Tensor:
-        with mixed_precision(level.device):
-            noise = self.network(turned(frames, turn), turned(level, turn))
+    def _noise(self, pictures: torch.Tensor, levels: torch.Tensor, turn: int) -> torch.Tensor:
+        with mixed_precision(levels.device):
+            noise = self.network(turned(pictures, turn), turned(levels, turn))
         return turned(noise, turn, back=True)
 
 

@@ -59,6 +59,8 @@ class Call:
         Of total variation, before the call.
     stronger, turn
         As :class:`priors.session.NetworkSession` has them before the call.
+    later : bool
+        Whether the session has been called before.
     motion : OfArrays, or None for the image net
     """
 
@@ -70,6 +72,7 @@ class Call:
     beside: Any
     stronger: float
     turn: int
+    later: bool
     motion: OfArrays | None
 
 
@@ -155,7 +158,7 @@ def _watched() -> Iterator[list[Call]]:
         return gap_step(op, y, denoise, state, sigma, rho, saturated)
 
     def watched(session, v, sigma, out=None):
-        before = deepcopy(session.beside), session.stronger, session.turn
+        before = deepcopy(session.beside), session.stronger, session.turn, session.last is not None
         x = serve(session, v, sigma, out)
         calls.append(iterations[0](*before, getattr(session.net, "motion", None)))
         return x

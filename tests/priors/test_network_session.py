@@ -13,11 +13,12 @@ class Net:
     hashes, still = ["0" * 64], [0.25]
 
     def __init__(self):
-        self.sigmas, self.turns = [], []
+        self.sigmas, self.turns, self.pulls = [], [], []
 
-    def __call__(self, x, sigma, turn):
+    def __call__(self, x, sigma, turn, pull):
         self.sigmas.append(sigma)
         self.turns.append(turn)
+        self.pulls.append(pull)
         return x.copy()
 
     def finish(self, x, sigma):
@@ -76,3 +77,14 @@ def test_the_network_finishes_and_tells_its_weights():
     session(x, 0.05)
     np.testing.assert_array_equal(session.finish(x, 0.5), x + 0.5)
     assert session.facts() == {"weights": net.hashes, "still": net.still}
+
+
+def test_the_network_is_told_how_hard_the_data_pull_at_its_last_estimate(noise):
+    session, net, _ = begun()
+    last = session(noise, 0.05).copy()
+    session(noise + 1, 0.05)
+    session(noise + 1, 0.05)
+    assert net.pulls[0] is None, "nothing is known of the first estimate"
+    np.testing.assert_array_equal(last, noise)
+    np.testing.assert_allclose(net.pulls[1], np.full((16, 16), np.sqrt(6)), rtol=1e-5)
+    assert not net.pulls[2].any()

@@ -36,7 +36,8 @@ def untrained(architecture=unet.SMALL):
 def weights(tmp_path_factory):
     folder = tmp_path_factory.mktemp("weights")
     for name in NETS:
-        files.save(folder / name, name, unet.SMALL, untrained())
+        network = unet.widened(untrained(), files.PICTURES[name])
+        files.save(folder / name, name, network.architecture, network)
     return folder
 
 
@@ -165,11 +166,11 @@ def test_what_averages_leave_of_noise():
 def test_network_believes_the_level_of_each_pixel():
     """The bound follows the map, and a map that is the same everywhere is a number."""
     network = untrained().eval()
-    x, level = torch.rand(2, 16, 24), torch.full((2, 16, 24), 0.001)
-    level[:, :, 12:] = 0.1
+    x, level = torch.rand(2, 1, 16, 24), torch.full((2, 1, 16, 24), 0.001)
+    level[..., 12:] = 0.1
     with torch.no_grad():
         noise = network(x, level).abs()
-    assert (noise <= 6.0001 * level).all()
+    assert (noise <= 6.0001 * level[:, 0]).all()
     assert noise[:, :, 12:].max() > 0.006
 
 
@@ -235,3 +236,39 @@ def test_trained_weights_denoise_a_moving_pattern(level):
     noisy = clean + sigma * np.random.default_rng(1).standard_normal(clean.shape, np.float32)
     for name, kind in NETS.items():
         assert psnr(kind()(noisy, sigma), clean) > psnr(noisy, clean) + 5, name
+
+
+@pytest.mark.parametrize("pictures", [1, 2, 3])
+def test_more_pictures_do_not_count_before_training(pictures):
+    network = untrained().eval()
+    wide = unet.widened(network, pictures)
+    x, level = torch.rand(2, pictures, 16, 24), torch.rand(2, pictures, 16, 24)
+    with torch.no_grad():
+        torch.testing.assert_close(wide(x, level), network(x[:, :1], level[:, :1]))
+    assert wide.architecture.pictures == pictures
+
+
+@pytest.mark.parametrize("library", ["numpy", "torch"])
+def test_the_pull_of_the_data_does_not_depend_on_masks(library):
+    """``b / sqrt(gram)`` for a projection by Phi^T b / gram."""
+    random = np.random.default_rng(0)
+    for views, frames in ((1, 4), (2, 10), (1, 1)):
+        masks = random.uniform(0.2, 1, (views, frames, 24, 30)).astype(np.float32)
+        x, gram = random.random(masks.shape, np.float32), (masks**2).sum((0, 1))
+        v = x + masks * (0.3 * np.sqrt(gram)) / gram
+        if library == "torch":
+            x, v = torch.from_numpy(x), torch.from_numpy(v)
+        np.testing.assert_allclose(along_motion.pulled(x, v), np.full(gram.shape, 0.3), rtol=1e-4)
+        assert not along_motion.pulled(x, x).any()
+
+
+def test_the_video_net_sees_what_averages_leave_out_and_the_pull():
+    x, pull = scene(40), noise((40, 40))
+    motion = along_motion.see(ImageNet(), x, 0.1)
+    shown, levels = along_motion.pictures(x, 0.1, motion, pull)
+    assert shown.shape == levels.shape == (1, 10, 2, 40, 40)
+    np.testing.assert_allclose(shown.sum(2), x, atol=1e-6)
+    assert np.abs(shown[:, :, 1]).max() > 0
+    np.testing.assert_array_equal(levels[:, :, 1], np.broadcast_to(pull, x.shape))
+    assert levels[:, :, 0].max() <= np.float32(0.1)
+    assert not along_motion.pictures(x, 0.1, motion)[1][:, :, 1].any(), "0 where it is not known"
