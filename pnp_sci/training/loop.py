@@ -193,7 +193,7 @@ class Trainer:
         try:
             self.network.load_state_dict(state["network"])
             self.average.load_state_dict(state["average"])
-            self.task.restore(state["task"])
+            self.task.restore(state.get("task", {}))
         except (KeyError, RuntimeError) as error:
             raise FormatError(f"resume: the checkpoint is of {earlier}: its values do not fit") from error
         for optimizer, kept in zip(self.optimizers, state["optimizers"]):

@@ -19,7 +19,7 @@ from priors.networks import LIMIT
 from priors.networks.image import ImageNet, runner
 
 FAINT = 1e-4  # sigma below which frames are not averaged
-AROUND = 9  # pixels: side of the square of a local mean of the pull
+AROUND = 9  # pixels: side of that square; the weights are trained with it
 
 
 @dataclass(frozen=True)
@@ -56,6 +56,8 @@ class VideoNet:
     ----------
     M. Tassano, J. Delon & T. Veit, "DVDnet: a fast network for deep video denoising", ICIP 2019.
     """
+
+    told_pull = True
 
     def __init__(self, weights: str | Path | None = None, device: str | None = None, renew: int = 1):
         self.runner, self.image, self.renew = runner("video", weights, device), ImageNet(device=device), renew
@@ -97,20 +99,20 @@ def see(image: ImageNet, x: Any, sigma: float, before: VideoMotion | None = None
 
 
 def pulled(x: Any, v: Any) -> Any:
-    """How hard the data pull at an estimate x (V, B, H, W) of which the solver makes v: float32 (H, W).
+    """How hard the data pull at an estimate x (V, B, H, W) of which the solver makes v: float32 (V, 1, H, W).
 
-    It is the root of a local mean of the sum of ``(v - x)^2`` over views and frames. With ``v - x = Phi^T b / gram``,
-    as in GAP, the sum is ``b^2 / gram``, which depends little on masks and their number. Gradients do not pass.
+    It is the root mean square of ``v - x`` over the frames of a view and over a square of pixels. Displacements count
+    too, and in a :class:`pnp_sci.Joint` what other priors have made of x. Gradients do not pass.
     """
     if isinstance(v, np.ndarray):
         from scipy.ndimage import uniform_filter
 
-        change = v - x
-        power = uniform_filter(np.einsum("vbij,vbij->ij", change, change), AROUND, mode="nearest")
-        return np.sqrt(np.maximum(power, 0)).astype(np.float32, copy=False)
+        power = np.square(v - x).mean(1, keepdims=True)
+        local = uniform_filter(power, AROUND, mode="nearest", axes=(2, 3))
+        return np.sqrt(np.maximum(local, 0)).astype(np.float32, copy=False)
     from priors.on_device.filters import box
 
-    return box((v - x).detach().square().sum((0, 1)), AROUND).sqrt().float()
+    return box((v - x).detach().square().mean(1, keepdim=True), AROUND).sqrt().float()
 
 
 def pictures(x: Any, sigma: float, motion: VideoMotion, pull: Any = None) -> tuple[Any, Any]:

@@ -12,7 +12,7 @@ from pnp_sci.errors import FormatError
 from pnp_sci.formats import weights
 from priors.networks.unet import Architecture, Network, widened
 
-PICTURES = {"ffdnet": 1, "video": 2}  # that a network is shown of a frame
+PICTURES = {"ffdnet": 1, "video": 2}  # number of pictures of a frame that each network sees
 
 
 def save(path: str | Path, name: str, architecture: Architecture, network: torch.nn.Module) -> str:

@@ -46,6 +46,8 @@ class ImageNet:
     0.5
     """
 
+    told_pull = False
+
     def __init__(self, weights: str | Path | None = None, device: str | None = None):
         self.runner = runner("ffdnet", weights, device)
         self.still: list[float] = []  # still pixels cannot be detected in single frames
@@ -66,8 +68,8 @@ class ImageNet:
             Standard deviation of the noise in the same units, >= 0. No pixel changes by more than 6 sigma.
         turn : int
             Orientation of the frames at the network's input, modulo 8: number of quarter turns; mirrored from 4 to 7.
-        pull : None, or what :func:`priors.networks.along_motion.pulled` returns
-            Not used for single frames.
+        pull : None
+            Not known for single frames.
 
         Returns
         -------

@@ -80,7 +80,7 @@ def stage(count: int, width: int) -> nn.Sequential:
 
 
 class Network(nn.Module):
-    """Estimates the noise of grey frames, clipped to ``LIMIT * level``; ``x - network(x, level)`` is the denoiser.
+    """Estimates the noise of grey frames, clipped to ``LIMIT * level``: ``x[:, 0] - network(x, level)`` is denoised.
 
     Pixel unshuffling and the map of the noise level are from FFDNet (Zhang, Zuo & Zhang, 2018). The residual U-net
     without biases, which is scale-equivariant, is from DRUNet (Zhang et al., 2021).

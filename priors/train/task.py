@@ -39,6 +39,7 @@ class Sample:
 class Plain:
     """The network's input is the noisy frames."""
 
+    inputs = "frames in [0, 1], with the standard deviation of the noise of each pixel"
     origin = "random weights"
 
     def start(self) -> Network:
@@ -52,8 +53,12 @@ class Plain:
 
 
 class Averaged:
-    """The network sees averages along the motion, which is estimated after the image net, and what they leave out."""
+    """The motion is estimated after the image net."""
 
+    inputs = (
+        "averages of frames along their motion, with the standard deviation of their noise, and what a\n"
+        "frame has beside its average, with how hard the data pull at a solver's estimate, 0 outside a solver"
+    )
     origin = "the weights of the image net"
 
     def __init__(self) -> None:
@@ -145,10 +150,14 @@ class Denoising:
 
     def state(self) -> dict[str, Any]:
         """What collections are made again from."""
+        if not self.watch:
+            return {}
         return {"solvers": {n: solver.state_dict() for n, solver in self.solvers.items()}, "windows": self.windows}
 
     def restore(self, state: dict[str, Any]) -> None:
         """Go on from such a state: the last collections are made again before the next step."""
+        if not self.watch:
+            return
         self.windows, self.solvers = state["windows"], {}
         for n, weights in state["solvers"].items():
             self.solvers[n] = deepcopy(self.network)

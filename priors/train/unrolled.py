@@ -41,7 +41,7 @@ def estimates(window: Window, network: torch.nn.Module, device: torch.device) ->
     op, s = TorchSensingOperator(first.op, device=device), first.state
     y, x, residual, dual = (torch.from_numpy(a).to(device) for a in (first.y, s.x, s.residual, s.dual))
     state = State(s.iteration, x, residual, dual, s.sigma, s.pace)
-    session.last = x if first.later else None
+    session.last = x if first.called else None
     for sigma, rho in window.steps:
         noise = sigma + float(np.mean(rho)) / float(op.gram.mean())
         denoise = partial(_denoised, session, state.x if motion else None, noise)
@@ -80,7 +80,7 @@ class Trained:
     """A network in the place of :class:`VideoNet`, with a given motion, or of :class:`ImageNet`, without."""
 
     def __init__(self, network: torch.nn.Module, motion: WithGradient | None):
-        self.network, self.motion = network, motion
+        self.network, self.motion, self.told_pull = network, motion, motion is not None
 
     def __call__(self, x: torch.Tensor, sigma: float, turn: int, pull: torch.Tensor | None) -> torch.Tensor:
         """Denoise x (V, B, H, W)."""

@@ -59,8 +59,8 @@ class Call:
         Of total variation, before the call.
     stronger, turn
         As :class:`priors.session.NetworkSession` has them before the call.
-    later : bool
-        Whether the session has been called before.
+    called : bool
+        Whether the session has returned an estimate before that the pull of the data is measured at.
     motion : OfArrays, or None for the image net
     """
 
@@ -72,7 +72,7 @@ class Call:
     beside: Any
     stronger: float
     turn: int
-    later: bool
+    called: bool
     motion: OfArrays | None
 
 
@@ -116,7 +116,7 @@ class Watch:
 
     def __call__(self, network: torch.nn.Module, collection: int) -> list[Window]:
         """Solve the measurements of a collection with the weights of `network`; return windows of its calls."""
-        random = np.random.default_rng([self.seed, self.rank, collection])
+        random = np.random.default_rng([self.seed, self.rank, collection, 2])
         with TemporaryDirectory() as folder:
             path = Path(folder) / f"{self.name}.safetensors"
             files.save(path, self.name, network.architecture, network)  # type: ignore[arg-type]
@@ -154,13 +154,16 @@ def _watched() -> Iterator[list[Call]]:
     serve = NetworkSession.__call__
 
     def step(op, y, denoise, state, sigma, rho=0.0, saturated=None):
-        iterations[:] = [partial(Call, op, y, state, sigma, rho)]
+        iterations[:] = [partial(Call, op=op, y=y, state=state, sigma=sigma, rho=rho)]
         return gap_step(op, y, denoise, state, sigma, rho, saturated)
 
     def watched(session, v, sigma, out=None):
-        before = deepcopy(session.beside), session.stronger, session.turn, session.last is not None
+        call = partial(
+            iterations[0], beside=deepcopy(session.beside), stronger=session.stronger, turn=session.turn,
+            called=session.last is not None,
+        )  # fmt: skip
         x = serve(session, v, sigma, out)
-        calls.append(iterations[0](*before, getattr(session.net, "motion", None)))
+        calls.append(call(motion=getattr(session.net, "motion", None)))
         return x
 
     ALGORITHMS["gap"], NetworkSession.__call__ = step, watched  # type: ignore[method-assign]

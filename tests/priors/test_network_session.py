@@ -10,7 +10,7 @@ from priors.session import NetworkSession
 class Net:
     """Returns what it sees, and keeps what it was told."""
 
-    hashes, still = ["0" * 64], [0.25]
+    hashes, still, told_pull = ["0" * 64], [0.25], True
 
     def __init__(self):
         self.sigmas, self.turns, self.pulls = [], [], []
@@ -86,5 +86,16 @@ def test_the_network_is_told_how_hard_the_data_pull_at_its_last_estimate(noise):
     session(noise + 1, 0.05)
     assert net.pulls[0] is None, "nothing is known of the first estimate"
     np.testing.assert_array_equal(last, noise)
-    np.testing.assert_allclose(net.pulls[1], np.full((16, 16), np.sqrt(6)), rtol=1e-5)
+    np.testing.assert_allclose(net.pulls[1], np.ones((2, 1, 16, 16)), rtol=1e-5)
     assert not net.pulls[2].any()
+    session(noise, 0.0)
+    session(noise, 0.05)
+    assert net.pulls[3] is None, "that estimate was not the network's"
+
+
+def test_other_networks_are_not_told_it(noise):
+    session, net, _ = begun()
+    net.told_pull = False
+    for _ in range(2):
+        session(noise, 0.05)
+    assert net.pulls == [None, None]

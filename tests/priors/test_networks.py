@@ -1,5 +1,6 @@
 """The networks of the priors: what holds for any weights, and what the trained ones achieve."""
 
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -24,10 +25,10 @@ files = pytest.importorskip("priors.networks.files")
 NETS = {"ffdnet": ImageNet, "video": VideoNet}
 
 
-def untrained(architecture=unet.SMALL):
+def untrained(pictures=1):
     """A network whose last layer is not zero, as it is before training, so that it does something."""
     torch.manual_seed(0)
-    network = unet.Network(architecture)
+    network = unet.Network(replace(unet.SMALL, pictures=pictures))
     torch.nn.init.normal_(network.tail.weight, std=0.1)
     return network
 
@@ -36,7 +37,7 @@ def untrained(architecture=unet.SMALL):
 def weights(tmp_path_factory):
     folder = tmp_path_factory.mktemp("weights")
     for name in NETS:
-        network = unet.widened(untrained(), files.PICTURES[name])
+        network = untrained(files.PICTURES[name])
         files.save(folder / name, name, network.architecture, network)
     return folder
 
@@ -248,22 +249,36 @@ def test_more_pictures_do_not_count_before_training(pictures):
     assert wide.architecture.pictures == pictures
 
 
-@pytest.mark.parametrize("library", ["numpy", "torch"])
-def test_the_pull_of_the_data_does_not_depend_on_masks(library):
-    """``b / sqrt(gram)`` for a projection by Phi^T b / gram."""
+@pytest.fixture
+def moved():
+    """Estimates x (2, 5, 24, 30) and what a solver makes of them."""
     random = np.random.default_rng(0)
-    for views, frames in ((1, 4), (2, 10), (1, 1)):
-        masks = random.uniform(0.2, 1, (views, frames, 24, 30)).astype(np.float32)
-        x, gram = random.random(masks.shape, np.float32), (masks**2).sum((0, 1))
-        v = x + masks * (0.3 * np.sqrt(gram)) / gram
-        if library == "torch":
-            x, v = torch.from_numpy(x), torch.from_numpy(v)
-        np.testing.assert_allclose(along_motion.pulled(x, v), np.full(gram.shape, 0.3), rtol=1e-4)
-        assert not along_motion.pulled(x, x).any()
+    return random.random((2, 5, 24, 30), np.float32), random.random((2, 5, 24, 30), np.float32)
+
+
+def test_the_pull_is_what_a_view_changes_by_around_a_pixel(moved):
+    x, v = moved
+    around = np.pad(np.square(v - x).mean(1), ((0, 0), (4, 4), (4, 4)), "edge")
+    expected = np.sqrt([[[s[i : i + 9, j : j + 9].mean() for j in range(30)] for i in range(24)] for s in around])
+    for found in (along_motion.pulled(x, v), along_motion.pulled(*map(torch.from_numpy, moved)).numpy()):
+        np.testing.assert_allclose(found[:, 0], expected, rtol=1e-4)
+    assert not along_motion.pulled(x, x).any()
+
+
+def test_the_pull_of_several_measurements_is_that_of_one(moved):
+    twice = (np.concatenate([video, video], 1) for video in moved)
+    np.testing.assert_allclose(along_motion.pulled(*twice), along_motion.pulled(*moved), rtol=1e-5)
+
+
+def test_a_network_that_is_told_the_pull_uses_it(net, name):
+    x = scene(40)
+    alone, told = net(x, 0.1), net(x, 0.1, pull=np.full((1, 1, 40, 40), 0.2, np.float32))
+    assert np.array_equal(told, alone) != net.told_pull
+    assert net.told_pull == (name == "video")
 
 
 def test_the_video_net_sees_what_averages_leave_out_and_the_pull():
-    x, pull = scene(40), noise((40, 40))
+    x, pull = scene(40), noise((1, 1, 40, 40))
     motion = along_motion.see(ImageNet(), x, 0.1)
     shown, levels = along_motion.pictures(x, 0.1, motion, pull)
     assert shown.shape == levels.shape == (1, 10, 2, 40, 40)

@@ -108,6 +108,9 @@ def test_resume_refuses_another_run(folder, tmp_path):
     with pytest.raises(FormatError, match=r"video .* with seed 0 by adam, but video .* with seed 0 by muon"):
         train(folder, tmp_path, steps=2, optimizer="muon", resume=True)
     state = torch.load(tmp_path / "checkpoint.pt", weights_only=True)
+    del state["task"]
+    torch.save(state, tmp_path / "checkpoint.pt")
+    assert train(folder, tmp_path, steps=2, resume=True).step == 2, "earlier versions had nothing else to keep"
     state["network"]["of an earlier version"] = state["network"].popitem()[1]
     torch.save(state, tmp_path / "checkpoint.pt")
     with pytest.raises(FormatError, match="do not fit"):
