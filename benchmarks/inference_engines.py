@@ -25,11 +25,11 @@ def engine(model, precision, threads):
     hints = {"PERFORMANCE_HINT": "LATENCY", "INFERENCE_NUM_THREADS": threads, "INFERENCE_PRECISION_HINT": precision}
     request = openvino.Core().compile_model(model.clone(), "CPU", hints).create_infer_request()
 
-    def noise(pictures, levels):
-        out = np.empty_like(pictures[:, 0])
-        for start in range(0, len(out), AT_ONCE):
+    def noise(frames, level):
+        out = np.empty_like(frames)
+        for start in range(0, len(frames), AT_ONCE):
             part = slice(start, start + AT_ONCE)
-            out[part] = request.infer([pictures[part], levels[part]], share_inputs=True, share_outputs=True)[0]
+            out[part] = request.infer([frames[part], level[part]], share_inputs=True, share_outputs=True)[0]
         return out
 
     return noise
@@ -40,20 +40,19 @@ def main(threads):
     numba.set_num_threads(threads)
     network, _ = files.load(WEIGHTS / "video.safetensors", "video")
     rng = np.random.default_rng(0)
-    shape = network.architecture.pictures, SIZE, SIZE
-    pictures, levels = rng.random((FRAMES, *shape), np.float32), np.full((FRAMES, *shape), 0.1, np.float32)
-    example = torch.rand(AT_ONCE, *shape), torch.rand(AT_ONCE, *shape)
+    frames, level = rng.random((FRAMES, SIZE, SIZE), np.float32), np.full((FRAMES, SIZE, SIZE), 0.1, np.float32)
+    example = torch.rand(AT_ONCE, SIZE, SIZE), torch.rand(AT_ONCE, SIZE, SIZE)
     model = openvino.convert_model(network, example_input=example)
     calls = {"this package": runner("video").noise}
     calls |= {f"OpenVINO, {precision}": engine(model, precision, threads) for precision in ("bf16", "f32")}
     with torch.inference_mode():
-        exact = network(torch.from_numpy(pictures), torch.from_numpy(levels)).numpy()
-    apart = {name: np.sqrt(np.mean((call(pictures, levels) - exact) ** 2)) for name, call in calls.items()}
+        exact = network(torch.from_numpy(frames), torch.from_numpy(level)).numpy()
+    apart = {name: np.sqrt(np.mean((call(frames, level) - exact) ** 2)) for name, call in calls.items()}
     took = {name: [] for name in calls}
     for _ in range(LAPS):
         for name, call in calls.items():
             began = time.perf_counter()
-            call(pictures, levels)
+            call(frames, level)
             took[name].append(1000 * (time.perf_counter() - began))
     first = np.array(took["this package"])
     for name, own in took.items():

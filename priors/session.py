@@ -8,7 +8,7 @@ from typing import Any
 
 from pnp_sci._tuned import Tuned
 from pnp_sci.plugins.protocols import Session
-from priors.networks.along_motion import VideoNet, pulled
+from priors.networks.along_motion import VideoNet
 from priors.networks.image import ImageNet
 
 MOST = 75 / 255  # largest sigma that a network is told: the largest of its training
@@ -43,24 +43,18 @@ class NetworkSession(Session):
 
     def __init__(self, net: ImageNet | VideoNet, beside: Session, stronger: float, turn: int):
         self.net, self.beside, self.stronger, self.turn = net, beside, stronger, turn
-        self.last: Any = None  # what a network that is told the pull of the data has returned
 
     def __call__(self, v: Any, sigma: float, out: Any = None) -> Any:
         """Denoise v (V, B, H, W)."""
         if sigma == 0:
-            self.last = None
             return v
         told = self.stronger * sigma
-        pull = None if self.last is None else pulled(self.last, v)
         v = self.beside(v, max(1.0, told / MOST) * sigma)
         self.turn += 1
-        x = self.net(v, min(told, MOST), self.turn, pull)
-        self.last = x if self.net.told_pull else None
-        return x
+        return self.net(v, min(told, MOST), self.turn)
 
     def finish(self, x: Any, sigma: float) -> Any:
         """As the network does."""
-        self.last = None  # frees its memory
         return self.net.finish(x, sigma)
 
     def facts(self) -> Mapping[str, Any]:

@@ -8,10 +8,8 @@ from functools import partial
 from pathlib import Path
 from typing import Any
 
-import numpy as np
-
 from pnp_sci._tuned import Tuned
-from pnp_sci.accel.arrays import library, single
+from pnp_sci.accel.arrays import single
 from priors.motion.measure import TUNED as MOTION
 from priors.motion.measure import may_show_motion
 from priors.motion.videos import VideoMotion, finished, seen
@@ -19,7 +17,6 @@ from priors.networks import LIMIT
 from priors.networks.image import ImageNet, runner
 
 FAINT = 1e-4  # sigma below which frames are not averaged
-AROUND = 9  # pixels: side of that square; the weights are trained with it
 
 
 @dataclass(frozen=True)
@@ -39,8 +36,7 @@ class VideoNet:
 
     The motion is estimated from frames that the image net has denoised. The noisy frames are averaged along it, which
     keeps their detail. A network of the same size removes the residual noise. Its level varies between pixels with the
-    weights of the neighbours. The network also sees what a frame has beside its average, and is told how hard the data
-    pull at the solver's estimate. Single frames, and frames too small for optical flow, are denoised by the image net.
+    weights of the neighbours. Single frames, and frames too small for optical flow, are denoised by the image net.
 
     Parameters
     ----------
@@ -57,8 +53,6 @@ class VideoNet:
     M. Tassano, J. Delon & T. Veit, "DVDnet: a fast network for deep video denoising", ICIP 2019.
     """
 
-    told_pull = True
-
     def __init__(self, weights: str | Path | None = None, device: str | None = None, renew: int = 1):
         self.runner, self.image, self.renew = runner("video", weights, device), ImageNet(device=device), renew
         self.calls = 0
@@ -70,7 +64,7 @@ class VideoNet:
         """SHA-256 of the weights of each network."""
         return [self.runner.sha256, *self.image.hashes]
 
-    def __call__(self, x: Any, sigma: float, turn: int = 0, pull: Any = None) -> Any:
+    def __call__(self, x: Any, sigma: float, turn: int = 0) -> Any:
         """Denoise x (V, B, H, W), of the same shape in all calls; arguments and result as for :class:`ImageNet`."""
         if not may_show_motion(x.shape) or sigma < FAINT:
             return self.image(x, sigma, turn)
@@ -79,7 +73,7 @@ class VideoNet:
             self.motion = see(self.image, frames, sigma, self.motion if self.renew > 1 else None)
             self.still = self.motion.at_rest
         self.calls += 1
-        return x - noise(frames, sigma, self.motion, partial(self.runner.noise, turn=turn), pull)
+        return x - noise(frames, sigma, self.motion, partial(self.runner.noise, turn=turn))
 
     def finish(self, x: Any, sigma: float) -> Any:
         """Average a solver's last estimate x (V, B, H, W) along the motion estimated from x; sigma is the last one."""
@@ -98,35 +92,14 @@ def see(image: ImageNet, x: Any, sigma: float, before: VideoMotion | None = None
     return seen(image(x, TUNED.sharp * sigma), *seeing, before)
 
 
-def pulled(x: Any, v: Any) -> Any:
-    """How hard the data pull at an estimate x (V, B, H, W) of which the solver makes v: float32 (V, 1, H, W).
-
-    It is the root mean square of ``v - x`` over the frames of a view and over a square of pixels. Displacements count
-    too, and in a :class:`pnp_sci.Joint` what other priors have made of x. Gradients do not pass.
-    """
-    if isinstance(v, np.ndarray):
-        from scipy.ndimage import uniform_filter
-
-        power = np.square(v - x).mean(1, keepdims=True)
-        local = uniform_filter(power, AROUND, mode="nearest", axes=(2, 3))
-        return np.sqrt(np.maximum(local, 0)).astype(np.float32, copy=False)
-    from priors.on_device.filters import box
-
-    return box((v - x).detach().square().mean(1, keepdim=True), AROUND).sqrt().float()
+def averaged(x: Any, sigma: float, motion: VideoMotion) -> tuple[Any, Any]:
+    """Averages of x (V, B, H, W) along the motion of each view, and the standard deviation of their noise."""
+    return motion.average(x), motion.remaining * sigma
 
 
-def pictures(x: Any, sigma: float, motion: VideoMotion, pull: Any = None) -> tuple[Any, Any]:
-    """What the network sees of x (V, B, H, W) with noise `sigma`: pictures and their levels, (V, B, 2, H, W) each.
-
-    First averages along the motion, and the standard deviation of their noise. Then what a frame has beside its
-    average, and what :func:`pulled` returns, or 0 where it is not known.
-    """
-    lib, mean, level = library(x), motion.average(x), motion.remaining * sigma
-    pull = lib.zeros_like(level) if pull is None else lib.broadcast_to(pull, level.shape)
-    return lib.stack([mean, x - mean], 2), lib.stack([level, pull], 2)
-
-
-def noise(x: Any, sigma: float, motion: VideoMotion, network: Callable[[Any, Any], Any], pull: Any = None) -> Any:
+def noise(x: Any, sigma: float, motion: VideoMotion, network: Callable[[Any, Any], Any]) -> Any:
     """Noise of x (V, B, H, W): what averages along the motion remove, and what the network finds in the averages."""
-    shown, levels = (part.reshape(-1, *part.shape[2:]) for part in pictures(x, sigma, motion, pull))
-    return (shown[:, 1] + network(shown, levels)).reshape(x.shape).clip(-LIMIT * sigma, LIMIT * sigma)
+    mean, level = averaged(x, sigma, motion)
+    flat = (-1, *x.shape[2:])
+    total = x - mean + network(mean.reshape(flat), level.reshape(flat)).reshape(x.shape)
+    return total.clip(-LIMIT * sigma, LIMIT * sigma)

@@ -17,10 +17,10 @@ OWN = Path(__file__).parents[1] / "weights"
 def export(name: str, out: Path, weights: Path | None = None) -> None:
     """Write the network of the prior `name` as an ONNX file, atomically.
 
-    The inputs are `x`, pictures of frames, and `level`, the standard deviation of the noise of each pixel. Both are
-    float32 (N, P, H, W) with H and W multiples of 8. The output `noise` (N, H, W) is that of the first pictures, and
-    ``x[:, 0] - noise`` is denoised. "ffdnet" takes one picture, the frame. "video" takes two, with other levels, see
-    :func:`priors.networks.along_motion.pictures`. The averages along the motion are not part of the model.
+    The inputs are `x`, frames, and `level`, the standard deviation of the noise of each pixel. Both are float32
+    (N, H, W) with H and W multiples of 8. The output `noise` has the same shape, and ``x - noise`` is denoised.
+    The network of "video" takes frames averaged along their motion, see
+    :class:`priors.networks.along_motion.VideoNet`. The averages are not part of the model.
 
     Parameters
     ----------
@@ -43,8 +43,8 @@ def export(name: str, out: Path, weights: Path | None = None) -> None:
     out.parent.mkdir(parents=True, exist_ok=True)
     network, digest = _weights.load(weights or OWN / f"{name}.safetensors", name)
     size = 2 * network.architecture.multiple
-    x = torch.rand(2, network.architecture.pictures, size, size)
-    any_size = dict.fromkeys((0, 2, 3), torch.export.Dim.AUTO)
+    x = torch.rand(2, size, size)
+    any_size = dict.fromkeys(range(3), torch.export.Dim.AUTO)
     program = torch.onnx.export(
         network,
         (x, torch.full_like(x, 0.1)),

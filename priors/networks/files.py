@@ -10,9 +10,7 @@ import torch
 
 from pnp_sci.errors import FormatError
 from pnp_sci.formats import weights
-from priors.networks.unet import Architecture, Network, widened
-
-PICTURES = {"ffdnet": 1, "video": 2}  # number of pictures of a frame that each network sees
+from priors.networks.unet import Architecture, Network
 
 
 def save(path: str | Path, name: str, architecture: Architecture, network: torch.nn.Module) -> str:
@@ -33,16 +31,12 @@ def load(path: str | Path, name: str) -> tuple[Network, str]:
     tensors, metadata = weights.read(path, {"prior": name}, f"python -m priors.train {name}")
     fields = weights.described(metadata, "architecture", tensors, path)
     try:
-        pictures = fields.pop("pictures", 1)  # earlier versions had one
-        architecture = Architecture(**{key: tuple(map(int, value)) for key, value in fields.items()}, pictures=pictures)
+        architecture = Architecture(**{key: tuple(map(int, value)) for key, value in fields.items()})
     except (TypeError, ValueError) as error:
         raise FormatError(f"{path} has no valid architecture in its metadata: {error!r}") from error
     widths, blocks = architecture.widths, architecture.blocks
     if len(widths) != len(blocks) or not widths or sum(blocks) > len(tensors):
         raise FormatError(f"{path} has {len(tensors)} tensors, which its {architecture} does not")
-    if architecture.pictures > PICTURES[name]:
-        raise FormatError(f"{path} is of a network for {architecture.pictures} pictures; {name} shows {PICTURES[name]}")
     network = Network(architecture)
     weights.fill(network, tensors, path)
-    network = widened(network, PICTURES[name])
     return network.eval().to(memory_format=torch.channels_last), metadata["sha256"]  # type: ignore[call-overload]

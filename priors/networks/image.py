@@ -46,8 +46,6 @@ class ImageNet:
     0.5
     """
 
-    told_pull = False
-
     def __init__(self, weights: str | Path | None = None, device: str | None = None):
         self.runner = runner("ffdnet", weights, device)
         self.still: list[float] = []  # still pixels cannot be detected in single frames
@@ -57,7 +55,7 @@ class ImageNet:
         """SHA-256 of the weights, 64 hexadecimal digits."""
         return [self.runner.sha256]
 
-    def __call__(self, x: Any, sigma: float, turn: int = 0, pull: Any = None) -> Any:
+    def __call__(self, x: Any, sigma: float, turn: int = 0) -> Any:
         """Denoise.
 
         Parameters
@@ -68,8 +66,6 @@ class ImageNet:
             Standard deviation of the noise in the same units, >= 0. No pixel changes by more than 6 sigma.
         turn : int
             Orientation of the frames at the network's input, modulo 8: number of quarter turns; mirrored from 4 to 7.
-        pull : None
-            Not known for single frames.
 
         Returns
         -------
@@ -78,7 +74,7 @@ class ImageNet:
         """
         if sigma == 0:
             return copied(x)
-        frames = single(x.reshape(-1, 1, *x.shape[2:]))
+        frames = single(x.reshape(-1, *x.shape[2:]))
         return x - self.runner.noise(frames, library(x).full_like(frames, sigma), turn).reshape(x.shape)
 
     def finish(self, x: Any, sigma: float) -> Any:

@@ -47,27 +47,27 @@ class Runner:
         network, self.sha256 = _weights.load(path, name)
         self.network = ready(network, self.device)
 
-    def noise(self, pictures: Any, levels: Any, turn: int = 0) -> Any:
-        """Estimate the noise (N, H, W) of the first of `pictures` (N, P, H, W) with such `levels`; all are float32.
+    def noise(self, frames: Any, level: Any, turn: int = 0) -> Any:
+        """Estimate the noise of frames (N, H, W) with standard deviation `level` (N, H, W); all are float32.
 
         Arrays of numpy, or tensors. The argument `turn` is as for :func:`turned`.
         """
-        out = library(pictures).empty_like(pictures[:, 0])
-        step = max(1, (CACHED if self.device.type == "cpu" else PIXELS) // math.prod(out.shape[1:]))
+        out = library(frames).empty_like(frames)
+        step = max(1, (CACHED if self.device.type == "cpu" else PIXELS) // math.prod(frames.shape[1:]))
         with running(self.device):
-            for start in range(0, len(out), step):
+            for start in range(0, len(frames), step):
                 part = slice(start, start + step)
-                seen = (turned(torch.as_tensor(a[part], device=self.device), turn) for a in (pictures, levels))
-                noise = self.network(*seen)
+                x, sigma = (torch.as_tensor(a[part], device=self.device) for a in (frames, level))
+                noise = self.network(turned(x, turn), turned(sigma, turn))
                 noise = turned(noise, turn, back=True)
-                out[part] = noise.numpy(force=True) if isinstance(out, np.ndarray) else noise
+                out[part] = noise.numpy(force=True) if isinstance(frames, np.ndarray) else noise
         return out
 
 
 def turned(frames: torch.Tensor, turn: int, back: bool = False) -> torch.Tensor:
-    """Rotate frames (..., H, W) by `turn` quarter turns, modulo 8, after a reflection from 4 on; `back` inverts it."""
+    """Rotate frames (N, H, W) by `turn` quarter turns, modulo 8, after a reflection from 4 on; `back` inverts it."""
     quarters, mirrored = turn % 4, turn % 8 >= 4
     if back:
-        frames = frames.rot90(-quarters, (-2, -1))
-        return frames.flip(-1) if mirrored else frames
-    return (frames.flip(-1) if mirrored else frames).rot90(quarters, (-2, -1))
+        frames = frames.rot90(-quarters, (1, 2))
+        return frames.flip(2) if mirrored else frames
+    return (frames.flip(2) if mirrored else frames).rot90(quarters, (1, 2))

@@ -5,7 +5,7 @@ This module imports torch; the priors import it when a session begins.
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from itertools import pairwise
 
 import torch
@@ -24,13 +24,10 @@ class Architecture:
     ----------
     widths, blocks : tuple of int
         Number of channels and of residual blocks at each scale, finest first.
-    pictures : int
-        Number of pictures of a frame that the network sees, each with a level.
     """
 
     widths: tuple[int, ...]
     blocks: tuple[int, ...]
-    pictures: int = 1
 
     def __post_init__(self):
         for name, values, most in (("widths", self.widths, 4096), ("blocks", self.blocks, 64)):
@@ -38,8 +35,6 @@ class Architecture:
                 raise ValueError(f"{name} is {values}: whole numbers from 1 to {most} were expected")
         if len(self.widths) != len(self.blocks):
             raise ValueError(f"there are {len(self.widths)} widths, but {len(self.blocks)} blocks")
-        if not (isinstance(self.pictures, int) and 1 <= self.pictures <= 64):
-            raise ValueError(f"pictures is {self.pictures}: a whole number from 1 to 64 was expected")
 
     @property
     def multiple(self) -> int:
@@ -80,7 +75,7 @@ def stage(count: int, width: int) -> nn.Sequential:
 
 
 class Network(nn.Module):
-    """Estimates the noise of grey frames, clipped to ``LIMIT * level``: ``x[:, 0] - network(x, level)`` is denoised.
+    """Estimates the noise of grey frames, clipped to ``LIMIT * level``; ``x - network(x, level)`` is the denoiser.
 
     Pixel unshuffling and the map of the noise level are from FFDNet (Zhang, Zuo & Zhang, 2018). The residual U-net
     without biases, which is scale-equivariant, is from DRUNet (Zhang et al., 2021).
@@ -90,7 +85,7 @@ class Network(nn.Module):
         super().__init__()
         self.architecture = architecture
         widths, blocks = architecture.widths, architecture.blocks
-        self.head = conv((4 + 1) * architecture.pictures, widths[0])
+        self.head = conv(4 + 1, widths[0])
         self.down = nn.ModuleList(stage(*scale) for scale in zip(blocks, widths))
         self.up = nn.ModuleList(stage(*scale) for scale in zip(blocks[:-1], widths))
         self.shrink = nn.ModuleList(conv(fine, coarse, 2, 2) for fine, coarse in pairwise(widths))
@@ -99,11 +94,8 @@ class Network(nn.Module):
         nn.init.zeros_(self.tail.weight)
 
     def forward(self, x: torch.Tensor, level: torch.Tensor) -> torch.Tensor:
-        """Noise (N, H, W) of the first of the pictures x (N, P, H, W), float32.
-
-        The first `level` (N, P, H, W) is its standard deviation in each pixel.
-        """
-        height, width = x.shape[2:]
+        """Noise of frames x (N, H, W), float32; `level` is its standard deviation in each pixel, of the same shape."""
+        height, width = x.shape[1:]
         h, skips = self._see(self._pad(x), self._pad(level)), []
         for blocks, shrink in zip(self.down, self.shrink):
             skips.append(blocks(h))
@@ -112,8 +104,7 @@ class Network(nn.Module):
         for blocks, grow in zip(reversed(self.up), reversed(self.grow)):
             h = blocks(skips.pop() + grow(h))
         noise = F.pixel_shuffle(self.tail(h).float(), 2)[:, 0, :height, :width]
-        most = LIMIT * level[:, 0]
-        return torch.minimum(torch.maximum(noise, -most), most)
+        return torch.minimum(torch.maximum(noise, -LIMIT * level), LIMIT * level)
 
     def _pad(self, x: torch.Tensor) -> torch.Tensor:
         """Pad the last two dimensions, of any size, to the next multiple by reflection."""
@@ -125,30 +116,12 @@ class Network(nn.Module):
         return x
 
     def _see(self, x: torch.Tensor, level: torch.Tensor) -> torch.Tensor:
-        """First layer, in float32: pictures and levels.
+        """First layer, in float32: frames and noise level.
 
         In bfloat16 a value of 0.9 has a rounding error of up to 0.002, which is comparable to weak noise.
         """
         device = x.device.type
-        seen = torch.cat([F.pixel_unshuffle(x, 2), F.avg_pool2d(level, 2)], 1)
+        seen = torch.cat([F.pixel_unshuffle(x[:, None], 2), F.avg_pool2d(level[:, None], 2)], 1)
         with torch.autocast(device, enabled=False):
             h = self.head(seen.contiguous(memory_format=torch.channels_last))
         return h.to(torch.get_autocast_dtype(device)) if torch.is_autocast_enabled(device) else h
-
-
-def widened(network: Network, pictures: int) -> Network:
-    """The network with as many pictures; those beyond its own do not count yet.
-
-    >>> widened(Network(), 2).head.weight.shape[1]
-    10
-    """
-    old = network.architecture.pictures
-    if pictures == old:
-        return network
-    wide = Network(replace(network.architecture, pictures=pictures))
-    values = network.state_dict()
-    shown, levels = values["head.weight"].split((4 * old, old), 1)
-    more = shown.new_zeros(len(shown), pictures - old, *shown.shape[2:])
-    values["head.weight"] = torch.cat([shown, more.repeat(1, 4, 1, 1), levels, more], 1)
-    wide.load_state_dict(values)
-    return wide

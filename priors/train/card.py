@@ -16,7 +16,7 @@ from priors.train.windows import CALLS
 CARD = """# {name}: denoiser of grey {kind}
 
 A U-net of {parameters:.2f} million parameters, `{architecture}`.
-Inputs: {inputs}. The network is scale-equivariant and
+Inputs: frames in [0, 1] and the standard deviation of the noise of each pixel. The network is scale-equivariant and
 changes no pixel by more than {limit:g} standard deviations. Weights in half precision; SHA-256 of their values:
 `{digest}`.
 
@@ -67,7 +67,6 @@ def write_card(task: Any, progress: Progress, place: Place, digest: str) -> None
         architecture=task.network.architecture,
         limit=LIMIT,
         share=FRAME if sample.frames == 1 else CLIP,
-        inputs=task.prepare.inputs,
         seen=task.prepare.__doc__,
         origin=task.origin,
         solves=_of_solves(sum(task.windows.values())) if task.watch else "",

@@ -14,9 +14,9 @@ import torch
 from pnp_sci.training.clips import Clip
 from pnp_sci.training.task import Place, Progress
 from priors.networks import files as _weights
-from priors.networks.along_motion import pictures, see
+from priors.networks.along_motion import averaged, see
 from priors.networks.image import WEIGHTS, ImageNet
-from priors.networks.unet import Network, widened
+from priors.networks.unet import Network
 from priors.train.card import write_card
 from priors.train.data import Sampler
 from priors.train.unrolled import estimates
@@ -39,7 +39,6 @@ class Sample:
 class Plain:
     """The network's input is the noisy frames."""
 
-    inputs = "frames in [0, 1], with the standard deviation of the noise of each pixel"
     origin = "random weights"
 
     def start(self) -> Network:
@@ -47,18 +46,13 @@ class Plain:
         return Network()
 
     def __call__(self, noisy: np.ndarray, sigma: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """The frames `noisy` (V, B, H, W) as pictures, and their levels, `sigma` (V,) in all pixels of a clip."""
-        shown = noisy[:, :, None]
-        return shown, np.broadcast_to(sigma[:, None, None, None, None], shown.shape).copy()
+        """The frames `noisy` (V, B, H, W) and their noise level, `sigma` (V,) in all pixels of a clip."""
+        return noisy, np.broadcast_to(sigma[:, None, None, None], noisy.shape).copy()
 
 
 class Averaged:
-    """The motion is estimated after the image net."""
+    """The network's input is averages along the motion, which is estimated after the image net."""
 
-    inputs = (
-        "averages of frames along their motion, with the standard deviation of their noise, and what a\n"
-        "frame has beside its average, with how hard the data pull at a solver's estimate, 0 outside a solver"
-    )
     origin = "the weights of the image net"
 
     def __init__(self) -> None:
@@ -66,14 +60,14 @@ class Averaged:
 
     def start(self) -> Network:
         """A network with the weights of the image net."""
-        return widened(_weights.load(WEIGHTS / "ffdnet.safetensors", "ffdnet")[0], _weights.PICTURES["video"]).train()
+        return _weights.load(WEIGHTS / "ffdnet.safetensors", "ffdnet")[0].train()
 
     def __call__(self, noisy: np.ndarray, sigma: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """Averages of `noisy` (V, B, H, W) along the motion beside what they leave out, and their levels."""
+        """Averages of `noisy` (V, B, H, W) along the motion, and the standard deviation of their noise."""
         clips = [(clip[None], float(level)) for clip, level in zip(noisy, sigma)]
-        parts = [pictures(clip, level, see(self.image, clip, level)) for clip, level in clips]
-        shown, levels = (np.concatenate(part) for part in zip(*parts))
-        return shown, levels
+        parts = [averaged(clip, level, see(self.image, clip, level)) for clip, level in clips]
+        mean, level = (np.concatenate(part) for part in zip(*parts))
+        return mean, level
 
 
 SEEN: dict[str, Callable[[], Plain | Averaged]] = {"ffdnet": Plain, "video": Averaged}
@@ -111,7 +105,7 @@ class Denoising:
         clean, noisy, sigma = self.sampler(place.rank, step)
         frames, level = self.prepare(noisy, sigma)
         error = denoised(model, frames, level, place.device) - torch.from_numpy(clean).to(place.device)
-        noise = torch.from_numpy(level[:, :, 0]).to(place.device)
+        noise = torch.from_numpy(level).to(place.device)
         left, before = (a.square().mean((2, 3)) + LEAST for a in (error, noise))
         return (left / before).log().mean()
 

@@ -41,7 +41,6 @@ def estimates(window: Window, network: torch.nn.Module, device: torch.device) ->
     op, s = TorchSensingOperator(first.op, device=device), first.state
     y, x, residual, dual = (torch.from_numpy(a).to(device) for a in (first.y, s.x, s.residual, s.dual))
     state = State(s.iteration, x, residual, dual, s.sigma, s.pace)
-    session.last = x if first.called else None
     for sigma, rho in window.steps:
         noise = sigma + float(np.mean(rho)) / float(op.gram.mean())
         denoise = partial(_denoised, session, state.x if motion else None, noise)
@@ -80,18 +79,18 @@ class Trained:
     """A network in the place of :class:`VideoNet`, with a given motion, or of :class:`ImageNet`, without."""
 
     def __init__(self, network: torch.nn.Module, motion: WithGradient | None):
-        self.network, self.motion, self.told_pull = network, motion, motion is not None
+        self.network, self.motion = network, motion
 
-    def __call__(self, x: torch.Tensor, sigma: float, turn: int, pull: torch.Tensor | None) -> torch.Tensor:
+    def __call__(self, x: torch.Tensor, sigma: float, turn: int) -> torch.Tensor:
         """Denoise x (V, B, H, W)."""
         if self.motion is None:
-            frames = x.flatten(0, 1)[:, None]
+            frames = x.flatten(0, 1)
             return x - self._noise(frames, torch.full_like(frames, sigma), turn).reshape(x.shape)
-        return x - along_motion.noise(x, sigma, self.motion, partial(self._noise, turn=turn), pull)
+        return x - along_motion.noise(x, sigma, self.motion, partial(self._noise, turn=turn))
 
-    def _noise(self, pictures: torch.Tensor, levels: torch.Tensor, turn: int) -> torch.Tensor:
-        with mixed_precision(levels.device):
-            noise = self.network(turned(pictures, turn), turned(levels, turn))
+    def _noise(self, frames: torch.Tensor, level: torch.Tensor, turn: int) -> torch.Tensor:
+        with mixed_precision(level.device):
+            noise = self.network(turned(frames, turn), turned(level, turn))
         return turned(noise, turn, back=True)
 
 

@@ -16,11 +16,11 @@ LEVELS = (5, 15, 25, 40)  # standard deviations of the noise, in units of 1/255
 FRAMES, SIZE = 10, 256  # first frames, and pixels per side of the central square of each clip
 
 
-def denoised(network: torch.nn.Module, pictures: np.ndarray, levels: np.ndarray, device: torch.device) -> torch.Tensor:
-    """The first of `pictures` (V, B, P, H, W) minus the noise that the network estimates for such `levels`."""
-    x, sigma = (torch.from_numpy(a).to(device).flatten(0, 1) for a in (pictures, levels))
+def denoised(network: torch.nn.Module, frames: np.ndarray, level: np.ndarray, device: torch.device) -> torch.Tensor:
+    """`frames` (V, B, H, W) minus the noise that the network estimates for its `level` (V, B, H, W)."""
+    x, sigma = (torch.from_numpy(a).to(device).flatten(0, 1) for a in (frames, level))
     with mixed_precision(device):
-        return (x[:, 0] - network(x, sigma)).unflatten(0, pictures.shape[:2])
+        return (x - network(x, sigma)).unflatten(0, frames.shape[:2])
 
 
 def psnr(network: torch.nn.Module, prepare: Prepare, clips: Sequence[Clip], device: torch.device) -> torch.Tensor:

@@ -59,8 +59,6 @@ class Call:
         Of total variation, before the call.
     stronger, turn
         As :class:`priors.session.NetworkSession` has them before the call.
-    called : bool
-        Whether the session has returned an estimate before that the pull of the data is measured at.
     motion : OfArrays, or None for the image net
     """
 
@@ -72,7 +70,6 @@ class Call:
     beside: Any
     stronger: float
     turn: int
-    called: bool
     motion: OfArrays | None
 
 
@@ -159,8 +156,7 @@ def _watched() -> Iterator[list[Call]]:
 
     def watched(session, v, sigma, out=None):
         call = partial(
-            iterations[0], beside=deepcopy(session.beside), stronger=session.stronger, turn=session.turn,
-            called=session.last is not None,
+            iterations[0], beside=deepcopy(session.beside), stronger=session.stronger, turn=session.turn
         )  # fmt: skip
         x = serve(session, v, sigma, out)
         calls.append(call(motion=getattr(session.net, "motion", None)))

@@ -22,8 +22,7 @@ def weights(tmp_path_factory):
     folder = tmp_path_factory.mktemp("weights")
     torch.manual_seed(0)
     for name in ("ffdnet", "video"):
-        network = unet.widened(unet.Network(), files.PICTURES[name])
-        files.save(folder / name, name, network.architecture, network)
+        files.save(folder / name, name, unet.SMALL, unet.Network(unet.SMALL))
     return folder
 
 
@@ -90,16 +89,6 @@ def test_weights_survive_the_file(weights, tmp_path):
     assert not list(tmp_path.glob("*.partial"))
 
 
-def test_weights_for_one_picture_serve_the_video_net(tmp_path):
-    """Those of earlier versions."""
-    network = unet.Network()
-    files.save(tmp_path / "early", "video", unet.SMALL, network)
-    loaded, _ = files.load(tmp_path / "early", "video")
-    assert loaded.architecture.pictures == 2
-    torch.testing.assert_close(loaded.head.weight[:, :4], network.head.weight[:, :4], atol=1e-3, rtol=1e-3)
-    assert not loaded.head.weight[:, 4:8].any()
-
-
 def test_weights_that_do_not_fit(weights, tmp_path):
     with pytest.raises(DataUnavailableError, match=r"python -m priors\.train video"):
         files.load(tmp_path / "none", "video")
@@ -119,10 +108,6 @@ def test_weights_that_do_not_fit(weights, tmp_path):
     files.save(tmp_path / "misfit", "video", unet.Architecture((8, 8), (1, 1)), unet.Network(unet.SMALL))
     with pytest.raises(FormatError, match="do not fit"):
         files.load(tmp_path / "misfit", "video")
-    wide = unet.widened(unet.Network(), 3)
-    files.save(tmp_path / "wide", "video", wide.architecture, wide)
-    with pytest.raises(FormatError, match="for 3 pictures; video shows 2"):
-        files.load(tmp_path / "wide", "video")
 
 
 def test_torch_is_loaded_when_a_session_begins():

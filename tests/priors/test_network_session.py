@@ -10,15 +10,14 @@ from priors.session import NetworkSession
 class Net:
     """Returns what it sees, and keeps what it was told."""
 
-    hashes, still, told_pull = ["0" * 64], [0.25], True
+    hashes, still = ["0" * 64], [0.25]
 
     def __init__(self):
-        self.sigmas, self.turns, self.pulls = [], [], []
+        self.sigmas, self.turns = [], []
 
-    def __call__(self, x, sigma, turn, pull):
+    def __call__(self, x, sigma, turn):
         self.sigmas.append(sigma)
         self.turns.append(turn)
-        self.pulls.append(pull)
         return x.copy()
 
     def finish(self, x, sigma):
@@ -77,25 +76,3 @@ def test_the_network_finishes_and_tells_its_weights():
     session(x, 0.05)
     np.testing.assert_array_equal(session.finish(x, 0.5), x + 0.5)
     assert session.facts() == {"weights": net.hashes, "still": net.still}
-
-
-def test_the_network_is_told_how_hard_the_data_pull_at_its_last_estimate(noise):
-    session, net, _ = begun()
-    last = session(noise, 0.05).copy()
-    session(noise + 1, 0.05)
-    session(noise + 1, 0.05)
-    assert net.pulls[0] is None, "nothing is known of the first estimate"
-    np.testing.assert_array_equal(last, noise)
-    np.testing.assert_allclose(net.pulls[1], np.ones((2, 1, 16, 16)), rtol=1e-5)
-    assert not net.pulls[2].any()
-    session(noise, 0.0)
-    session(noise, 0.05)
-    assert net.pulls[3] is None, "that estimate was not the network's"
-
-
-def test_other_networks_are_not_told_it(noise):
-    session, net, _ = begun()
-    net.told_pull = False
-    for _ in range(2):
-        session(noise, 0.05)
-    assert net.pulls == [None, None]

@@ -1,6 +1,5 @@
 """The networks of the priors: what holds for any weights, and what the trained ones achieve."""
 
-from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -25,10 +24,10 @@ files = pytest.importorskip("priors.networks.files")
 NETS = {"ffdnet": ImageNet, "video": VideoNet}
 
 
-def untrained(pictures=1):
+def untrained(architecture=unet.SMALL):
     """A network whose last layer is not zero, as it is before training, so that it does something."""
     torch.manual_seed(0)
-    network = unet.Network(replace(unet.SMALL, pictures=pictures))
+    network = unet.Network(architecture)
     torch.nn.init.normal_(network.tail.weight, std=0.1)
     return network
 
@@ -37,8 +36,7 @@ def untrained(pictures=1):
 def weights(tmp_path_factory):
     folder = tmp_path_factory.mktemp("weights")
     for name in NETS:
-        network = untrained(files.PICTURES[name])
-        files.save(folder / name, name, network.architecture, network)
+        files.save(folder / name, name, unet.SMALL, untrained())
     return folder
 
 
@@ -167,11 +165,11 @@ def test_what_averages_leave_of_noise():
 def test_network_believes_the_level_of_each_pixel():
     """The bound follows the map, and a map that is the same everywhere is a number."""
     network = untrained().eval()
-    x, level = torch.rand(2, 1, 16, 24), torch.full((2, 1, 16, 24), 0.001)
-    level[..., 12:] = 0.1
+    x, level = torch.rand(2, 16, 24), torch.full((2, 16, 24), 0.001)
+    level[:, :, 12:] = 0.1
     with torch.no_grad():
         noise = network(x, level).abs()
-    assert (noise <= 6.0001 * level[:, 0]).all()
+    assert (noise <= 6.0001 * level).all()
     assert noise[:, :, 12:].max() > 0.006
 
 
@@ -237,53 +235,3 @@ def test_trained_weights_denoise_a_moving_pattern(level):
     noisy = clean + sigma * np.random.default_rng(1).standard_normal(clean.shape, np.float32)
     for name, kind in NETS.items():
         assert psnr(kind()(noisy, sigma), clean) > psnr(noisy, clean) + 5, name
-
-
-@pytest.mark.parametrize("pictures", [1, 2, 3])
-def test_more_pictures_do_not_count_before_training(pictures):
-    network = untrained().eval()
-    wide = unet.widened(network, pictures)
-    x, level = torch.rand(2, pictures, 16, 24), torch.rand(2, pictures, 16, 24)
-    with torch.no_grad():
-        torch.testing.assert_close(wide(x, level), network(x[:, :1], level[:, :1]))
-    assert wide.architecture.pictures == pictures
-
-
-@pytest.fixture
-def moved():
-    """Estimates x (2, 5, 24, 30) and what a solver makes of them."""
-    random = np.random.default_rng(0)
-    return random.random((2, 5, 24, 30), np.float32), random.random((2, 5, 24, 30), np.float32)
-
-
-def test_the_pull_is_what_a_view_changes_by_around_a_pixel(moved):
-    x, v = moved
-    around = np.pad(np.square(v - x).mean(1), ((0, 0), (4, 4), (4, 4)), "edge")
-    expected = np.sqrt([[[s[i : i + 9, j : j + 9].mean() for j in range(30)] for i in range(24)] for s in around])
-    for found in (along_motion.pulled(x, v), along_motion.pulled(*map(torch.from_numpy, moved)).numpy()):
-        np.testing.assert_allclose(found[:, 0], expected, rtol=1e-4)
-    assert not along_motion.pulled(x, x).any()
-
-
-def test_the_pull_of_several_measurements_is_that_of_one(moved):
-    twice = (np.concatenate([video, video], 1) for video in moved)
-    np.testing.assert_allclose(along_motion.pulled(*twice), along_motion.pulled(*moved), rtol=1e-5)
-
-
-def test_a_network_that_is_told_the_pull_uses_it(net, name):
-    x = scene(40)
-    alone, told = net(x, 0.1), net(x, 0.1, pull=np.full((1, 1, 40, 40), 0.2, np.float32))
-    assert np.array_equal(told, alone) != net.told_pull
-    assert net.told_pull == (name == "video")
-
-
-def test_the_video_net_sees_what_averages_leave_out_and_the_pull():
-    x, pull = scene(40), noise((1, 1, 40, 40))
-    motion = along_motion.see(ImageNet(), x, 0.1)
-    shown, levels = along_motion.pictures(x, 0.1, motion, pull)
-    assert shown.shape == levels.shape == (1, 10, 2, 40, 40)
-    np.testing.assert_allclose(shown.sum(2), x, atol=1e-6)
-    assert np.abs(shown[:, :, 1]).max() > 0
-    np.testing.assert_array_equal(levels[:, :, 1], np.broadcast_to(pull, x.shape))
-    assert levels[:, :, 0].max() <= np.float32(0.1)
-    assert not along_motion.pictures(x, 0.1, motion)[1][:, :, 1].any(), "0 where it is not known"

@@ -9,7 +9,6 @@ from click.testing import CliRunner
 
 from pnp_sci.errors import InputError
 from pnp_sci.solvers import iterate
-from priors import session
 from priors.session import NetworkSession
 from priors.video import Video
 
@@ -107,7 +106,6 @@ def test_estimates_are_those_of_the_solver(watch, name, monkeypatch):
 def test_gradient_goes_through_the_solver(watch, monkeypatch):
     """Against differences, without what counts as given, and in float32."""
     monkeypatch.setattr(unrolled, "passed", lambda v, change: v)
-    monkeypatch.setattr(session, "pulled", lambda x, v: torch.full((len(x), 1, *x.shape[2:]), 0.05))
     monkeypatch.setattr(unrolled, "mixed_precision", lambda device: nullcontext())
     window, net = watch()(network("video"), 0)[0], network("video")
     weight = net.tail.weight
