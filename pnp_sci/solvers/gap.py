@@ -8,8 +8,6 @@ from pnp_sci._tuned import Tuned
 from pnp_sci.accel.arrays import dot
 from pnp_sci.solvers.state import Array, Denoise, Operator, State, missing
 
-FIRST_PACE = 2.0  # from a larger one on, a residual that no denoiser weakens grows from move to move, see pace_after
-
 
 @dataclass(frozen=True)
 class PaceNumbers(Tuned):

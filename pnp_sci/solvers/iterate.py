@@ -16,7 +16,7 @@ from pnp_sci.plugins.resolve import as_prior
 from pnp_sci.sensing.operator import SensingOperator
 from pnp_sci.solvers.admm import admm_step
 from pnp_sci.solvers.displacement import FAINT, displace
-from pnp_sci.solvers.gap import FIRST_PACE, gap_step, plain_gap_step
+from pnp_sci.solvers.gap import gap_step, plain_gap_step
 from pnp_sci.solvers.schedule import Schedule, schedule_for
 from pnp_sci.solvers.state import Array, Operator, State, Step, start
 
@@ -94,7 +94,7 @@ def states(
     """The iterates of :func:`iterate`, with a session of the prior and a schedule."""
     gram, product = float(op.gram.mean()), schedule.product
     in_x = (product if isinstance(product, (int, float)) else float(product.mean())) / gram if gram > 0 else 0.0
-    state = start(op, y, x, FIRST_PACE)
+    state = start(op, y, x)
     del x  # as large as all that a step needs
     while True:
         yield state

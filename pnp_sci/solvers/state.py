@@ -90,6 +90,6 @@ def missing(residual: Array, saturated: Array | None) -> Array:
     return residual if saturated is None else library(residual).where(saturated & (residual < 0), 0, residual)
 
 
-def start(op: Operator, y: Array, x: Array, pace: float = 1.0) -> State:
+def start(op: Operator, y: Array, x: Array) -> State:
     """The state before the first iteration, from a first estimate x."""
-    return State(0, x, y - op.forward(x), library(y).zeros_like(y), pace=pace)
+    return State(0, x, y - op.forward(x), library(y).zeros_like(y))

@@ -205,8 +205,8 @@ def test_tensors_in_the_loop(scene):
             op, prior = SensingOperator(scene.masks), Made(lambda v, sigma: 0.9 * v, known=Traits(motion=True))
             session = iterate.InTurn(iterate.turns(prior, op.shape), op.shape, op.dtype)
             schedule = schedule_for(op, 0.3)
-            x = 0.9 * scene.truth  # at the truth the residual is rounding, whose direction sets the pace
-            y, x = (backend.put(a.astype(np.float32)) for a in (scene.y, x))
+            arrays = map(backend.put, (scene.y.astype(np.float32), scene.truth.astype(np.float32)))
+            y, x = arrays
             states = iterate.states(backend.operator(op), y, session, x, gap_step, schedule)
             ends.append(backend.get(next(itertools.islice(states, 4, None)).x))
     np.testing.assert_allclose(*ends, atol=1e-5)
