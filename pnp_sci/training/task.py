@@ -1,4 +1,4 @@
-"""What a training task is, and where it runs and how far it is."""
+"""The interface of a training task; its place and its progress."""
 
 from __future__ import annotations
 

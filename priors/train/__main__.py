@@ -57,7 +57,7 @@ def main(
     With --solves, each process solves that many measurements of the training clips before the first step and after each
     validation but the last. Half of the loss is then the error of the estimates after up to four successive calls of
     the network in these solves; the gradient passes through the solver. The budget excludes most of the time of the
-    solves. A resumed run repeats the last three collections of solves first.
+    solves. A resumed run first repeats the last solves.
 
     Each validation rewrites checkpoint, curves (CSV), weights and model card. Works under torchrun.
     """

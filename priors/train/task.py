@@ -11,6 +11,7 @@ from typing import Any
 import numpy as np
 import torch
 
+from pnp_sci.errors import FormatError
 from pnp_sci.training.clips import Clip
 from pnp_sci.training.task import Place, Progress
 from priors.networks import files as _weights
@@ -24,7 +25,7 @@ from priors.train.validation import LEVELS, denoised, psnr
 from priors.train.windows import Watch, Window
 
 LEAST = 1e-6  # added to mean squares in the loss, which limits the weight of errors below 0.001
-KEPT = 3  # latest collections of windows
+KEPT = 3  # number of latest collections that are kept
 
 
 @dataclass(frozen=True)
@@ -74,7 +75,7 @@ SEEN: dict[str, Callable[[], Plain | Averaged]] = {"ffdnet": Plain, "video": Ave
 
 
 class Denoising:
-    """Training of the network of the prior `name`, a task of :mod:`pnp_sci.training.loop`."""
+    """Training of the network of the prior `name`, a task of :mod:`pnp_sci.training.task`."""
 
     scores = tuple(f"psnr_{level}" for level in LEVELS)
 
@@ -89,7 +90,7 @@ class Denoising:
         self.network = _weights.load(start, name)[0].train() if start else self.prepare.start()
         self.settings = str(self.network.architecture)
         self.origin = "earlier weights" if start else self.prepare.origin
-        self.solvers: dict[int, torch.nn.Module] = {0: deepcopy(self.network)}  # of each collection
+        self.solvers: dict[int, torch.nn.Module] = {0: deepcopy(self.network)}  # for each collection
         self.collections: dict[int, list[Window]] = {}
         self.windows: dict[int, int] = {}  # number of windows in each collection so far
         self.compiled = [self.network]
@@ -146,10 +147,14 @@ class Denoising:
         """What collections are made again from."""
         if not self.watch:
             return {}
-        return {"solvers": {n: solver.state_dict() for n, solver in self.solvers.items()}, "windows": self.windows}
+        solvers = {n: solver.state_dict() for n, solver in self.solvers.items()}
+        return {"solves": self.watch.solves, "solvers": solvers, "windows": self.windows}
 
     def restore(self, state: dict[str, Any]) -> None:
         """Go on from such a state: the last collections are made again before the next step."""
+        held, asked = state.get("solves", 0), self.watch.solves if self.watch else 0
+        if held != asked:
+            raise FormatError(f"resume: the checkpoint is of a run with {held} --solves, but {asked} were asked for")
         if not self.watch:
             return
         self.windows, self.solvers = state["windows"], {}

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 from click.testing import CliRunner
 
-from pnp_sci.errors import InputError
+from pnp_sci.errors import FormatError, InputError
 from pnp_sci.solvers import iterate
 from priors.session import NetworkSession
 from priors.video import Video
@@ -167,9 +167,9 @@ def test_a_resumed_run_makes_its_collections_again(folder, watch, tmp_path, monk
     """It has the same samples and ends with the same weights."""
     material = clips.split(clips.load_clips([folder]))
 
-    def train(out, resume=False):
+    def train(out, resume=False, solves=1):
         common = ("video", *material, task.Sample(8, 1, 32), 0, out / "weights.safetensors", "by a test")
-        denoising = task.Denoising(*common, shipped / "video.safetensors", watch(solves=1))
+        denoising = task.Denoising(*common, shipped / "video.safetensors", watch(solves=solves))
         budget = loop.Budget(out, steps=8, validations=4)
         loop.train(denoising, budget, loop.Place.here("cpu"), resume)
         return denoising
@@ -184,6 +184,8 @@ def test_a_resumed_run_makes_its_collections_again(folder, watch, tmp_path, monk
         patch.setattr(loop.Trainer, "step", interrupted)
         with pytest.raises(KeyboardInterrupt):
             train(tmp_path / "parts")
+    with pytest.raises(FormatError, match="with 1 --solves, but 2 were asked for"):
+        train(tmp_path / "parts", resume=True, solves=2)
     resumed = train(tmp_path / "parts", resume=True)
     assert list(whole.collections) == list(resumed.collections) == [1, 2, 3], "none after the last validation"
     assert resumed.windows == whole.windows
