@@ -137,9 +137,10 @@ class Denoising:
 
         With a watch, new samples are collected before the next step.
         """
-        last = max(self.solvers)
-        self.solvers = {n: solver for n, solver in self.solvers.items() if n > last + 1 - KEPT}
-        self.solvers[last + 1] = deepcopy(network)
+        if self.watch:
+            following = max(self.solvers) + 1
+            self.solvers = {n: solver for n, solver in self.solvers.items() if n > following - KEPT}
+            self.solvers[following] = deepcopy(network)
         clips = self.validation[place.rank :: place.world]
         return torch.cat([psnr(network, self.prepare, clips, place.device), torch.tensor([float(len(clips))])])
 
