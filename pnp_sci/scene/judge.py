@@ -24,6 +24,7 @@ from pnp_sci.solvers.iterate import iterate
 IsFine = Callable[[np.ndarray, np.ndarray], bool]
 
 HELD_BACK = 0.1  # part of the pixels of y that is predicted
+WHOLE = slice(None), slice(None)
 CHANCE = 3.0  # standard errors: evidence against the simple model up to that may be chance
 NO_WORSE = 1.0  # ratio of errors up to which a model without a view, or with one still view, is taken
 
@@ -132,19 +133,35 @@ class _Comparison:
     def _predicts_better(
         self, simple: SceneModel, other: SceneModel, prior: Prior, looks: dict[int, IsFine], doubt: float = 0
     ) -> bool:
-        """Whether the simple model predicts well enough, on its worst tile, at each of the looks.
+        """Whether the simple model predicts well enough, on its worst tile, and at last on the whole picture.
 
         A look is a number of iterations and a condition on the squared errors after it.
         """
-        op, y = self.problem.op, self.problem.y
+        op = self.problem.op
         if time.perf_counter() > self.until:
             return False
         errors, (others, x) = self._first(simple, prior)[0], self._first(other, prior)
         if self.by_chance and evidence(errors, beyond(simple, other, op, x), self.hidden) > CHANCE:
             return False
-        crop = contested_tile(*(self.hidden * e**2 for e in (errors, others)))
-        part = op.crop(crop)
-        y, hidden, seen = (picture[crop] for picture in (y, self.hidden, self.seen))
+        tile = contested_tile(*(self.hidden * e**2 for e in (errors, others)))
+        return (
+            self._holds(simple, other, prior, looks, doubt, tile)
+            and not self._leaves_a_mover(simple, prior)
+            and self._holds(simple, other, prior, {max(looks): always}, doubt, WHOLE)
+        )
+
+    def _holds(
+        self,
+        simple: SceneModel,
+        other: SceneModel,
+        prior: Prior,
+        looks: dict[int, IsFine],
+        doubt: float,
+        crop: tuple[slice, slice],
+    ) -> bool:
+        """Whether the conditions on the errors hold on a crop, and nothing there is evidence of the other model."""
+        part = self.problem.op.crop(crop)
+        y, hidden, seen = (picture[crop] for picture in (self.problem.y, self.hidden, self.seen))
         if not hidden.any():
             return False
         expected = self.problem.typical_noise**2 * (1 + doubt)
@@ -159,7 +176,7 @@ class _Comparison:
                 return False
             if self.by_chance and evidence(errors, beyond(simple, other, part, x), hidden) > CHANCE:
                 return False
-        return not self._leaves_a_mover(simple, prior) and time.perf_counter() < self.until
+        return True
 
     def _leaves_a_mover(self, simple: SceneModel, prior: Prior) -> bool:
         """Whether the residual of a smooth estimate shows what the simple model cannot.
