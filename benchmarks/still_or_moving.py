@@ -4,12 +4,16 @@ For each kind of scene the output is the number of still scenes that are found, 
 For moving scenes that are classified as still, wholly or in a view, it is the change of PSNR in dB from the full model.
 
 PNP_SCI_DATA=DIR python benchmarks/still_or_moving.py
+PNP_SCI_DATA=DIR python benchmarks/still_or_moving.py mirrored    # the cases of parts.py, in four orientations
 """
 
+import itertools
 import os
+import sys
 from pathlib import Path
 
 import numpy as np
+import parts
 
 import pnp_sci
 from pnp_sci import SceneModel
@@ -37,6 +41,30 @@ def still(y, masks, prior):
     return pnp_sci.solve(y, masks, prior, iterations=1).scene["still"]
 
 
+def gain(y, masks, prior, taken, truth):
+    """Change of PSNR in dB if frames of views are tied that are `taken` for still."""
+    models = ("full", SceneModel((True,) * len(truth), taken))
+    results = [pnp_sci.solve(y, masks, prior, scene=model) for model in models]
+    return float(np.diff([np.mean(pnp_sci.psnr(r.x, truth)) for r in results])[0])
+
+
+def mirrored():
+    """Frozen cases of parts.py that are found, and moving ones that are taken for still, by the prior `video`."""
+    clips = parts.validation_clips()
+    found, gains, count = 0, [], 0
+    for truth, masks, y in itertools.chain(parts.cases(clips, parts.QUIET), parts.cases(clips, parts.QUIET, first=100)):
+        frozen = np.repeat(truth[:, :1], truth.shape[1], axis=1)
+        found += still(pnp_sci.simulate(frozen, masks), masks, "video") is True
+        for down, right in itertools.product((1, -1), repeat=2):
+            arrays = (a[..., ::down, ::right] for a in (y, masks, truth))
+            seen, coded, moving = map(np.ascontiguousarray, arrays)
+            if taken := still(seen, coded, "video"):
+                gains.append(gain(seen, coded, "video", taken, moving))
+        count += 1
+    wrong = ", ".join(f"{g:+.1f}" for g in sorted(gains)) or "none"
+    print(f"{found} of {count} frozen scenes found, of {4 * count} moving ones classified as still: {wrong}")
+
+
 def main():
     _, clips = split(load_clips([Path(os.environ["PNP_SCI_DATA"]) / "train_video"]))
     for views, frames, size, density, noise, *dim in KINDS:
@@ -56,9 +84,7 @@ def main():
                     beside += still(pnp_sci.simulate(one, masks, noise=noise), masks, prior) == only_first
                 y = pnp_sci.simulate(truth, masks, noise=noise)
                 if taken := still(y, masks, prior):
-                    models = ("full", SceneModel((True,) * views, taken))
-                    results = [pnp_sci.solve(y, masks, prior, scene=model) for model in models]
-                    gains.append(float(np.diff([np.mean(pnp_sci.psnr(r.x, truth)) for r in results])[0]))
+                    gains.append(gain(y, masks, prior, taken, truth))
             wrong = ", ".join(f"{gain:+.1f}" for gain in sorted(gains)) or "none"
             ones = f", {beside} still views" if views > 1 else ""
             report.append(f"{prior}: {found}{ones} of {len(truths)} found, moving ones classified as still: {wrong}")
@@ -67,4 +93,4 @@ def main():
 
 
 if __name__ == "__main__":
-    main()
+    mirrored() if "mirrored" in sys.argv else main()
