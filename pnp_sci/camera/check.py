@@ -152,7 +152,7 @@ class Masks:
         hot, dead = outliers(y, self.weight, good)
         if len(self.sums) > 1 and not self.signed and (hot.any() or dead.any()):
             code = Code(self.sums, good & ~hot & ~dead)
-            if code.present:
+            if code.present and code.tells_light:
                 levels = np.maximum(code.match(y * code.good).level.value, 0)
                 hot, dead = outliers(y, np.einsum("v,vhw->hw", levels.astype(np.float32), self.sums), good)
         return hot, dead | below
@@ -183,7 +183,7 @@ class Masks:
             hot,
             dead,
             (*findings, *found),
-            "" if told(match) or found else "noise and texture hide the code of the masks",
+            "" if found or (code.tells_light and told(match)) else _hidden(code),
             shift_of(match),
             black,
             full_scale,
@@ -192,6 +192,12 @@ class Masks:
 
 OTHERS = {"arrangement", "inverted", "no code"}  # findings of masks that are not those of the measurement
 LEVELS = {"black level", "contrast", "sharpness"}  # findings that saturation also causes
+
+
+def _hidden(code: Code) -> str:
+    if not code.tells_light:
+        return "the masks of the views complement each other, so that y tells only by how much the views differ"
+    return "noise and texture hide the code of the masks"
 
 
 def _why(code: Code) -> str:

@@ -12,6 +12,7 @@ from pnp_sci.camera.explained import WIDTH
 BLOCK = 16  # pixels a side of the blocks whose spread gives standard errors; half of it for pictures below 64 a side
 FEWEST = 9  # blocks: fewer give no standard error
 FAINT = 1e-6  # of the mean square of the sums of masks: a fainter code is none
+WEAK = 0.05  # of the mean eigenvalue of the correlations of the views' details, 1: what is below cannot be told from y
 LAGS = 8  # pixels either way in which another position of the masks is looked for
 
 
@@ -86,6 +87,19 @@ class Code:
         self.present = bool(self.blocks.sum() >= FEWEST and np.trace(self.normal) > FAINT * energy)
 
     @cached_property
+    def tells_light(self) -> bool:
+        """Whether the details of the views tell how much light follows the code.
+
+        Where the masks of two views complement each other, as those of a mirror that reflects to either side, the sum
+        of both is the same in all pixels: details tell only by how much the views differ.
+        """
+        scale = np.sqrt(np.diagonal(self.normal))
+        scale = np.where(scale > 0, scale, 1)
+        values, directions = np.linalg.eigh(self.normal / np.outer(scale, scale))
+        parts = np.square(directions.T @ (np.einsum("vhw,hw->v", self.sums, self.used) / scale))
+        return bool(parts[values < WEAK].sum() <= WEAK * parts.sum())
+
+    @cached_property
     def spectra(self) -> np.ndarray:
         """Conjugate spectra of the views' details, (V, H, W / 2 + 1)."""
         from scipy.fft import rfft2
@@ -156,6 +170,8 @@ class Code:
         means = np.einsum("vhw,hw->v", self.sums, self.used).astype(np.float64) / pixels
         coded = pixels * (means @ self.inverse @ products)
         inverse = _ratio(light, coded) if (self.sums >= 0).all() else (0.0, float("inf"))
+        if not self.tells_light:
+            return 0.0, float("inf"), 0.0, float("inf")
         if abs(light.sum()) <= np.abs(light).sum() / 2:  # masks that cancel each other: there is no mean light
             return 0.0, float("inf"), *inverse
         return *_ratio(coded, light), *inverse

@@ -5,9 +5,11 @@ from __future__ import annotations
 from collections.abc import Callable
 from copy import copy
 from dataclasses import dataclass, replace
+from functools import cached_property
 
 import numpy as np
 
+from pnp_sci.camera.code import Code
 from pnp_sci.camera.explained import BLOCK, fine_detail
 from pnp_sci.camera.pile import pile
 from pnp_sci.camera.warp import Transform, centre, known, spread, warped
@@ -44,6 +46,11 @@ class LocalModel:
         saturated = [blocks(y >= found[0], BLOCK).any(1) for y in measurements if (found := pile(y, weight))]
         self.exact = ~np.logical_or.reduce([np.zeros(self.detail.shape[1], bool), *saturated])[:, None]  # (K, 1)
         self.ramps = [np.arange(n) % BLOCK / (BLOCK - 1) - 0.5 for n in masks.shape[2:]]
+
+    @cached_property
+    def tells_light(self) -> bool:
+        """Whether fine detail tells how much light there is, see :attr:`pnp_sci.camera.code.Code.tells_light`."""
+        return Code(self.planes[:, 0].astype(np.float32)).tells_light
 
     def mirrored(self, mirror: Callable[[np.ndarray], np.ndarray]) -> LocalModel:
         """The model with other masks: a mirror takes planes (..., H, W)."""

@@ -20,6 +20,7 @@ MIRRORS = (  # the last for squares only
     lambda planes: planes[..., ::-1, ::-1],
     lambda planes: planes.swapaxes(-1, -2),
 )
+UNTOLD = 0.1  # share that is explained by masks of which the light cannot be told: wrong ones may reach 0.065
 CHANCE = 3.0  # standard errors: estimates nearer to 0 count as 0
 NEGLIGIBLE = 0.02  # pixels: masks that far off cost some 0.05 dB
 MOTIONS = 4  # shift along rows and columns, rotation, scale
@@ -27,12 +28,16 @@ NO_BLUR = 0.01  # pixels squared: such blur changes masks as little as that shif
 
 
 def search(models: list[LocalModel], each_view: bool | Literal["auto"]) -> Refined:
-    """The transforms with which masks explain most of measurements; the models differ in their interpolation."""
+    """The transforms with which masks explain most of measurements; the models differ in their interpolation.
+
+    Masks that complement each other move together, unless each view is asked for: either explains the same.
+    """
     model, sums = models[0], models[0].planes[:, 0]
     start = coarse_transform(model.measurements, sums)
     together, apart = np.ones((1, len(sums))), np.eye(len(sums))
     best = _refined(models, _most(model, [[Transform()] * len(sums), [start] * len(sums)]), together)
-    if len(sums) == 1 or each_view is False or not trusted(best):
+    single = len(sums) == 1 or each_view is False or (each_view == "auto" and not model.tells_light)
+    if single or not trusted(best):
         return best
     starts = _starts(best, start)
     own = _refined([best.model] if starts == best.transforms else models, starts, apart)
@@ -50,12 +55,14 @@ def search(models: list[LocalModel], each_view: bool | Literal["auto"]) -> Refin
 
 
 def trusted(found: Refined) -> bool:
-    """Whether more is explained than by chance, and twice as much as by mirrored masks; and whether light is positive.
+    """Whether more is explained than by chance, and twice as much as by mirrored masks; and whether light is positive,
+    or where it cannot be told, whether much is explained.
 
     Masks that move have sums like streaks, which explain a little of each other.
     """
-    least = BY_CHANCE * found.fit.share_by_chance
-    if found.fit.share <= least or light_against_mean(found.model, found.fit)[1] <= 0:
+    told = found.model.tells_light
+    least = max(BY_CHANCE * found.fit.share_by_chance, 0 if told else UNTOLD)
+    if found.fit.share <= least or (told and light_against_mean(found.model, found.fit)[1] <= 0):
         return False
     mirrors = MIRRORS[: 4 if found.model.shape[2] == found.model.shape[3] else 3]
     others = (found.model.mirrored(mirror).fit(found.transforms, found.fit.usable).share for mirror in mirrors)
@@ -88,7 +95,7 @@ def _is_blurred(found: Refined) -> bool:
     Detail of the scene may look like blur, more often like sharpness, which no camera adds. But only true blur makes
     the light that the detail tells of as much as the mean of y.
     """
-    if found.transforms[0].blur <= max(NO_BLUR, CHANCE * found.errors[0, 4]):
+    if found.transforms[0].blur <= max(NO_BLUR, CHANCE * found.errors[0, 4]) or not found.model.tells_light:
         return False
     fits = found.fit, found.model.fit(_sharp(found.transforms), found.fit.usable)
     soft, sharp = (abs(light_against_mean(found.model, fit)[1] - 1) for fit in fits)

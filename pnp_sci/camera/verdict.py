@@ -40,6 +40,8 @@ def judge_code(code: Code, y: np.ndarray, match: Match) -> list[Finding]:
         size = "({}, {})".format(*shift) if whole else "({:.1f}, {:.1f})".format(*np.clip(shift, -1, 1))
         text = f"masks moved by about {size} pixels, in rows and columns, explain more of y"
         return [Finding("shift", text, REGISTER)]
+    if not code.tells_light:
+        return []
     if match.error >= TELLS:
         if match.level.errors <= SURELY:
             return _others(code, y, match, certain=False)

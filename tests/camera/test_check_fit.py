@@ -45,6 +45,33 @@ def test_grey_and_negative_masks_raise_no_alarm(scene, signed):
     assert kinds(simulate(made(masks, scene), masks, 0.01), masks) == []
 
 
+def complement(first, leak=0.0):
+    """Masks (2, B, H, W) of a mirror that sends the light of each element to one of two sides, with stray light."""
+    return leak + (1 - 2 * leak) * np.stack([first, 1 - first]).astype(np.float32)
+
+
+@pytest.mark.parametrize("noise", [0, 0.01, 0.1])
+@pytest.mark.parametrize("leak", [0, 0.05])
+@pytest.mark.parametrize("contrast", [0.1, 1])
+def test_masks_of_two_views_that_complement_each_other_raise_no_alarm(scene, noise, leak, contrast):
+    """Bug: they were another setup's, inverted, or upside down, and pixels were hot. The sum of both is constant."""
+    masks = complement(scene.masks[0], leak)
+    truth = 0.45 + contrast * (scene.truth - 0.45)
+    fit = check_fit(simulate(truth, masks, noise, seed=1), masks)
+    assert fit.ok, fit.warnings
+    assert (fit.follows, fit.black_level) == (None, None)
+    assert "complement" in fit.unknown
+    assert not fit.bad.any()
+    third = np.concatenate([masks, random_masks((1, *masks.shape[1:]), seed=3)])
+    assert kinds(simulate(made(third, scene), third, noise, seed=1), third) == []
+
+
+def test_masks_that_complement_each_other_and_are_shifted_are_noticed(scene):
+    masks, truth = complement(scene.masks[0]), scene.truth * np.array([1, 0.2])[:, None, None, None]
+    assert kinds(simulate(truth, masks), np.roll(masks, (2, 3), (2, 3))) == ["shift"]
+    assert kinds(simulate(truth, masks), random_masks(masks.shape, seed=9)) == ["no code"]
+
+
 WRONG = {
     "half a pixel off": (lambda m: shift(m, (0, 0, 0.5, 0.5), order=1, mode="nearest"), {"shift"}),
     "a pixel off": (lambda m: np.roll(m, (1, 1), (2, 3)), {"shift"}),

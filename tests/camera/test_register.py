@@ -47,6 +47,18 @@ def test_masks_that_fit_stay_bit_for_bit(scene, noise):
     assert np.array_equal(found.correct(y), y)
 
 
+@pytest.mark.parametrize("brightness", [1.0, 0.3])
+def test_masks_that_complement_each_other_stay_and_have_no_black_level(scene, brightness):
+    """Bug: the light that both views share, which no detail tells, was the camera's black level."""
+    masks = np.stack([scene.masks[0], 1 - scene.masks[0]])
+    y = pnp_sci.simulate(scene.truth * np.array([1, brightness])[:, None, None, None], masks, noise=0.01, seed=1)
+    found = pnp_sci.register(y, masks)
+    assert found.trusted
+    assert found.identity
+    assert found.black_level == 0
+    assert pnp_sci.register(y, np.roll(masks, (-1, 2), (2, 3))).trusted is False, "they are left alone, with a warning"
+
+
 def test_a_shift_by_whole_pixels_interpolates_nothing(scene):
     found = pnp_sci.register(scene.y, np.roll(scene.masks, (-1, 2), (2, 3)))
     assert [(t.rows, t.columns, t.rotation, t.scale, t.blur) for t in found.transforms] == [(1, -2, 0, 1, 0)] * 2
