@@ -56,8 +56,7 @@ def mirrored():
         frozen = np.repeat(truth[:, :1], truth.shape[1], axis=1)
         found += still(pnp_sci.simulate(frozen, masks), masks, "video") is True
         for down, right in itertools.product((1, -1), repeat=2):
-            arrays = (a[..., ::down, ::right] for a in (y, masks, truth))
-            seen, coded, moving = map(np.ascontiguousarray, arrays)
+            seen, coded, moving = (np.ascontiguousarray(a[..., ::down, ::right]) for a in (y, masks, truth))
             if taken := still(seen, coded, "video"):
                 gains.append(gain(seen, coded, "video", taken, moving))
         count += 1

@@ -12,7 +12,8 @@ from pnp_sci.camera.explained import WIDTH
 BLOCK = 16  # pixels a side of the blocks whose spread gives standard errors; half of it for pictures below 64 a side
 FEWEST = 9  # blocks: fewer give no standard error
 FAINT = 1e-6  # of the mean square of the sums of masks: a fainter code is none
-WEAK = 0.05  # of the mean eigenvalue of the correlations of the views' details, 1: what is below cannot be told from y
+WEAK = 0.05  # detail of a combination of views, as part of what independent ones have: less tells nothing of it
+UNTOLD = 0.05  # part of the light that may be in such combinations
 LAGS = 8  # pixels either way in which another position of the masks is looked for
 
 
@@ -97,7 +98,7 @@ class Code:
         scale = np.where(scale > 0, scale, 1)
         values, directions = np.linalg.eigh(self.normal / np.outer(scale, scale))
         parts = np.square(directions.T @ (np.einsum("vhw,hw->v", self.sums, self.used) / scale))
-        return bool(parts[values < WEAK].sum() <= WEAK * parts.sum())
+        return bool(parts[values < WEAK].sum() <= UNTOLD * parts.sum())
 
     @cached_property
     def spectra(self) -> np.ndarray:
@@ -166,12 +167,12 @@ class Code:
         The filter ``w = sum over v of mean(S_v) (A^-1 s)_v``, with A the products of the details s, passes what follows
         the sums S, so that ``n sum(w y)`` is the sum of y unless y holds what the masks do not explain.
         """
+        if not self.tells_light:
+            return 0.0, float("inf"), 0.0, float("inf")
         pixels = float(self.used.sum())
         means = np.einsum("vhw,hw->v", self.sums, self.used).astype(np.float64) / pixels
         coded = pixels * (means @ self.inverse @ products)
         inverse = _ratio(light, coded) if (self.sums >= 0).all() else (0.0, float("inf"))
-        if not self.tells_light:
-            return 0.0, float("inf"), 0.0, float("inf")
         if abs(light.sum()) <= np.abs(light).sum() / 2:  # masks that cancel each other: there is no mean light
             return 0.0, float("inf"), *inverse
         return *_ratio(coded, light), *inverse

@@ -68,7 +68,8 @@ def register(
     Notes
     -----
     The gain of y is not found: y alone does not tell it from the brightness of the scene. The black level is told by
-    what y has beyond the light that the contrast of its detail calls for.
+    what y has beyond the light that the contrast of its detail calls for. Masks of views that complement each other,
+    such as m and 1 - m, do not tell that light: neither blur nor black level is found.
 
     Masks whose sums over frames are uniform leave nothing to register by.
 

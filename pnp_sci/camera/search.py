@@ -20,7 +20,7 @@ MIRRORS = (  # the last for squares only
     lambda planes: planes[..., ::-1, ::-1],
     lambda planes: planes.swapaxes(-1, -2),
 )
-UNTOLD = 0.1  # share that is explained by masks of which the light cannot be told: wrong ones may reach 0.065
+UNTOLD = 0.1  # share that is explained, where the light cannot be told; masks of another setup that move reach 0.08
 CHANCE = 3.0  # standard errors: estimates nearer to 0 count as 0
 NEGLIGIBLE = 0.02  # pixels: masks that far off cost some 0.05 dB
 MOTIONS = 4  # shift along rows and columns, rotation, scale
@@ -35,9 +35,12 @@ def search(models: list[LocalModel], each_view: bool | Literal["auto"]) -> Refin
     model, sums = models[0], models[0].planes[:, 0]
     start = coarse_transform(model.measurements, sums)
     together, apart = np.ones((1, len(sums))), np.eye(len(sums))
-    best = _refined(models, _most(model, [[Transform()] * len(sums), [start] * len(sums)]), together)
-    single = len(sums) == 1 or each_view is False or (each_view == "auto" and not model.tells_light)
-    if single or not trusted(best):
+    choices = [Transform(), start]
+    if not model.tells_light:  # the details of views that complement each other cancel in the start of all views
+        choices += [coarse_transform(model.measurements, total[None]) for total in sums]
+        each_view = each_view is True
+    best = _refined(models, _most(model, [[one] * len(sums) for one in choices]), together)
+    if len(sums) == 1 or each_view is False or not trusted(best):
         return best
     starts = _starts(best, start)
     own = _refined([best.model] if starts == best.transforms else models, starts, apart)
@@ -55,8 +58,9 @@ def search(models: list[LocalModel], each_view: bool | Literal["auto"]) -> Refin
 
 
 def trusted(found: Refined) -> bool:
-    """Whether more is explained than by chance, and twice as much as by mirrored masks; and whether light is positive,
-    or where it cannot be told, whether much is explained.
+    """Whether more is explained than by chance, and twice as much as by mirrored masks; and whether light is positive.
+
+    Where light cannot be told, more must be explained.
 
     Masks that move have sums like streaks, which explain a little of each other.
     """

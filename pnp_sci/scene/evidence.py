@@ -66,8 +66,10 @@ def evidence(errors: np.ndarray, shown: np.ndarray, hidden: np.ndarray) -> float
     return float(np.max(parts / np.sqrt(np.maximum(variance, np.finfo(np.float64).tiny)), initial=0))
 
 
-def contested_tile(simple: np.ndarray, other: np.ndarray) -> tuple[slice, slice]:
+def contested_tile(simple: np.ndarray, other: np.ndarray, side: int) -> tuple[slice, slice]:
     """The tile around the window where a model's squared errors (H, W) are largest, relative to those of another one.
+
+    `side` is that of the tile in pixels; the window is the same for all.
 
     Absolute errors are largest in fine texture, which may well stand still.
     """
@@ -81,10 +83,10 @@ def contested_tile(simple: np.ndarray, other: np.ndarray) -> tuple[slice, slice]
     )
     ratio = of_simple / np.maximum(of_other, np.finfo(np.float64).tiny)
     middle = np.unravel_index(np.argmax(ratio), ratio.shape)
-    return tuple(_around(int(m) + i.start, n) for m, i, n in zip(middle, inside, simple.shape))  # type: ignore[return-value]
+    return tuple(_around(int(m) + i.start, n, side) for m, i, n in zip(middle, inside, simple.shape))  # type: ignore[return-value]
 
 
-def _around(middle: int, length: int) -> slice:
-    """A tile's pixels around the middle one, within `length`; all of them if there are fewer."""
-    start = max(min(middle - TUNED.tile // 2, length - TUNED.tile), 0)
-    return slice(start, start + TUNED.tile)
+def _around(middle: int, length: int, side: int) -> slice:
+    """`side` pixels around the middle one, within `length`; all of them if there are fewer."""
+    start = max(min(middle - side // 2, length - side), 0)
+    return slice(start, min(start + side, length))

@@ -13,6 +13,7 @@ import numpy as np
 from pnp_sci._tuned import Tuned
 from pnp_sci.plugins.protocols import Prior
 from pnp_sci.scene.dark_views import lit_views
+from pnp_sci.scene.evidence import TUNED as TILES
 from pnp_sci.scene.evidence import always, at_most, beyond, beyond_chance, contested_tile, evidence
 from pnp_sci.scene.movers import shows_more
 from pnp_sci.sensing.operator import SensingOperator
@@ -24,7 +25,6 @@ from pnp_sci.solvers.iterate import iterate
 IsFine = Callable[[np.ndarray, np.ndarray], bool]
 
 HELD_BACK = 0.1  # part of the pixels of y that is predicted
-WHOLE = slice(None), slice(None)
 CHANCE = 3.0  # standard errors: evidence against the simple model up to that may be chance
 NO_WORSE = 1.0  # ratio of errors up to which a model without a view, or with one still view, is taken
 
@@ -57,8 +57,9 @@ def judge(
     A tenth of the pixels of y is held back, and both models are estimated from the rest. They are compared on the tile
     where the simple model predicts the held-back pixels worst, relative to the full one. The simple model is taken if
     it predicts clearly better there, or with a `careful` prior not much worse. Besides, what only the full
-    model shows, motion or a view, must not correlate with the errors of the simple one, and nowhere in the picture may
-    the simple model's residual follow masks that it does not use, see :mod:`pnp_sci.scene.movers`.
+    model shows, motion or a view, must not correlate with the errors of the simple one, at last in a larger crop as
+    well, and nowhere in the picture may the simple model's residual follow masks that it does not use, see
+    :mod:`pnp_sci.scene.movers`.
 
     Parameters
     ----------
@@ -133,7 +134,7 @@ class _Comparison:
     def _predicts_better(
         self, simple: SceneModel, other: SceneModel, prior: Prior, looks: dict[int, IsFine], doubt: float = 0
     ) -> bool:
-        """Whether the simple model predicts well enough, on its worst tile, and at last on the whole picture.
+        """Whether the simple model predicts well enough on its worst tile, and nothing around speaks against it.
 
         A look is a number of iterations and a condition on the squared errors after it.
         """
@@ -143,12 +144,12 @@ class _Comparison:
         errors, (others, x) = self._first(simple, prior)[0], self._first(other, prior)
         if self.by_chance and evidence(errors, beyond(simple, other, op, x), self.hidden) > CHANCE:
             return False
-        tile = contested_tile(*(self.hidden * e**2 for e in (errors, others)))
-        return (
-            self._holds(simple, other, prior, looks, doubt, tile)
-            and not self._leaves_a_mover(simple, prior)
-            and self._holds(simple, other, prior, {max(looks): always}, doubt, WHOLE)
-        )
+        of_simple, of_other = (self.hidden * e**2 for e in (errors, others))
+        tile, around = (contested_tile(of_simple, of_other, side) for side in (TILES.tile, TILES.tile * 4 // 3))
+        if not self._holds(simple, other, prior, looks, doubt, tile) or self._leaves_a_mover(simple, prior):
+            return False
+        same = tile == around or not self.by_chance  # then there is nothing new to be seen
+        return same or self._holds(simple, other, prior, {max(looks): always}, doubt, around)
 
     def _holds(
         self,

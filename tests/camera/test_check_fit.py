@@ -9,6 +9,7 @@ from scipy.ndimage import shift
 
 import pnp_sci
 from pnp_sci import SensingOperator, check_fit, datasets, moving_masks, random_masks, simulate
+from pnp_sci.camera.code import Code
 
 
 @pytest.fixture(scope="module")
@@ -60,7 +61,7 @@ def test_masks_of_two_views_that_complement_each_other_raise_no_alarm(scene, noi
     fit = check_fit(simulate(truth, masks, noise, seed=1), masks)
     assert fit.ok, fit.warnings
     assert (fit.follows, fit.black_level) == (None, None)
-    assert "complement" in fit.unknown
+    assert "do not tell all views apart" in fit.unknown
     assert not fit.bad.any()
     third = np.concatenate([masks, random_masks((1, *masks.shape[1:]), seed=3)])
     assert kinds(simulate(made(third, scene), third, noise, seed=1), third) == []
@@ -69,7 +70,15 @@ def test_masks_of_two_views_that_complement_each_other_raise_no_alarm(scene, noi
 def test_masks_that_complement_each_other_and_are_shifted_are_noticed(scene):
     masks, truth = complement(scene.masks[0]), scene.truth * np.array([1, 0.2])[:, None, None, None]
     assert kinds(simulate(truth, masks), np.roll(masks, (2, 3), (2, 3))) == ["shift"]
-    assert kinds(simulate(truth, masks), random_masks(masks.shape, seed=9)) == ["no code"]
+
+
+def test_what_tells_the_light_is_said_of_each_kind_of_masks(scene):
+    one = scene.masks[:1]
+    same = np.concatenate([one, one])
+    for masks in (one, scene.masks, same):
+        assert Code(masks.sum(1, dtype=np.float32)).tells_light
+    for masks in (complement(one[0]), np.concatenate([one, np.ones_like(one)])):
+        assert not Code(masks.sum(1, dtype=np.float32)).tells_light
 
 
 WRONG = {

@@ -56,7 +56,12 @@ def test_masks_that_complement_each_other_stay_and_have_no_black_level(scene, br
     assert found.trusted
     assert found.identity
     assert found.black_level == 0
-    assert pnp_sci.register(y, np.roll(masks, (-1, 2), (2, 3))).trusted is False, "they are left alone, with a warning"
+    for shift in ((1, 1), (-1, 2), (4, 0)):
+        moved_back = pnp_sci.register(y, np.roll(masks, shift, (2, 3)))
+        assert moved_back.trusted
+        assert [(-t.rows, -t.columns) for t in moved_back.transforms] == [shift] * 2
+    first = pnp_sci.moving_masks(scene.masks.shape, seed=50)[0]
+    assert not pnp_sci.register(y, np.stack([first, 1 - first])).trusted
 
 
 def test_a_shift_by_whole_pixels_interpolates_nothing(scene):

@@ -61,7 +61,7 @@ def test_what_the_simple_model_cannot_show_is_what_is_beyond_it():
 
 def side(pictures):
     """Pixels a side of the tile that is taken from large pictures."""
-    rows, columns = contested_tile(pictures, pictures[::-1])
+    rows, columns = contested_tile(pictures, pictures[::-1], 96)
     assert rows.stop - rows.start == columns.stop - columns.start
     return rows.stop - rows.start
 
@@ -73,7 +73,7 @@ def test_models_are_compared_where_the_simple_one_is_worst_off_not_where_errors_
     other[:120] *= 100  # fine texture, which both models predict badly
     simple = 0.6 * other
     simple[190:230, 220:270] *= 4  # something moves
-    rows, columns = contested_tile(simple, other)
+    rows, columns = contested_tile(simple, other, 96)
     assert rows.stop - rows.start == columns.stop - columns.start < 200, "a part of the picture"
     assert rows.start <= 190 < 230 <= rows.stop
     assert columns.start <= 220 < 270 <= columns.stop
@@ -84,7 +84,7 @@ def test_a_small_picture_is_compared_as_far_as_it_goes(shape):
     tile = side(np.random.default_rng(0).random((300, 300)))
     errors = np.random.default_rng(0).random(shape)
     for some in (errors, np.zeros(shape)):
-        part = errors[contested_tile(some, errors[::-1])]
+        part = errors[contested_tile(some, errors[::-1], 96)]
         assert part.shape == tuple(min(tile, n) for n in shape)
 
 
