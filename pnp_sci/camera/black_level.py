@@ -18,7 +18,7 @@ def black_level(model: LocalModel, fit: LocalFit) -> tuple[float, float]:
     The levels of the views come from fine detail, which no constant reaches. So does the light of a block, that of the
     levels times the masks. It is a straight line of the mean of y there; the black level is where the line meets 0. The
     slope is 1 if the masks have the right contrast. If it is not, within three standard errors, it is fitted too.
-    Masks that complement each other do not tell the light: then it is 0, with an infinite error.
+    Masks that complement each other do not tell the light: then the level is 0, with an infinite error.
     """
     if not model.tells_light:
         return 0.0, float("inf")

@@ -196,7 +196,7 @@ LEVELS = {"black level", "contrast", "sharpness"}  # findings that saturation al
 
 def _hidden(code: Code) -> str:
     if not code.tells_light:
-        return "the masks do not tell all views apart, as those of two views that complement each other"
+        return "detail of the masks does not tell how much light there is, as with two views that complement each other"
     return "noise and texture hide the code of the masks"
 
 

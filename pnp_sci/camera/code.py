@@ -95,7 +95,7 @@ class Code:
         of both is the same in all pixels: details tell only by how much the views differ.
         """
         scale = np.sqrt(np.diagonal(self.normal))
-        scale = np.where(scale > 0, scale, 1)
+        scale = np.where(scale > 1e-3 * scale.max(), scale, 1)  # the same limit as that of the inverse
         values, directions = np.linalg.eigh(self.normal / np.outer(scale, scale))
         parts = np.square(directions.T @ (np.einsum("vhw,hw->v", self.sums, self.used) / scale))
         return bool(parts[values < WEAK].sum() <= UNTOLD * parts.sum())
@@ -165,7 +165,8 @@ class Code:
         """The part of the light that follows the code, its error and their inverse, from sums over each block.
 
         The filter ``w = sum over v of mean(S_v) (A^-1 s)_v``, with A the products of the details s, passes what follows
-        the sums S, so that ``n sum(w y)`` is the sum of y unless y holds what the masks do not explain.
+        the sums S, so that ``n sum(w y)`` is the sum of y unless y holds what the masks do not explain. The errors are
+        infinite where the light cannot be told.
         """
         if not self.tells_light:
             return 0.0, float("inf"), 0.0, float("inf")

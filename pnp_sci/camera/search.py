@@ -20,7 +20,7 @@ MIRRORS = (  # the last for squares only
     lambda planes: planes[..., ::-1, ::-1],
     lambda planes: planes.swapaxes(-1, -2),
 )
-UNTOLD = 0.1  # share that is explained, where the light cannot be told; masks of another setup that move reach 0.08
+UNTOLD = 0.1  # least explained share that is trusted where the light cannot be told; wrong masks that move reach 0.08
 CHANCE = 3.0  # standard errors: estimates nearer to 0 count as 0
 NEGLIGIBLE = 0.02  # pixels: masks that far off cost some 0.05 dB
 MOTIONS = 4  # shift along rows and columns, rotation, scale
@@ -30,7 +30,8 @@ NO_BLUR = 0.01  # pixels squared: such blur changes masks as little as that shif
 def search(models: list[LocalModel], each_view: bool | Literal["auto"]) -> Refined:
     """The transforms with which masks explain most of measurements; the models differ in their interpolation.
 
-    Masks that complement each other move together, unless each view is asked for: either explains the same.
+    Where the light cannot be told, as with masks that complement each other, all views move together unless `each_view`
+    is True.
     """
     model, sums = models[0], models[0].planes[:, 0]
     start = coarse_transform(model.measurements, sums)
@@ -60,7 +61,7 @@ def search(models: list[LocalModel], each_view: bool | Literal["auto"]) -> Refin
 def trusted(found: Refined) -> bool:
     """Whether more is explained than by chance, and twice as much as by mirrored masks; and whether light is positive.
 
-    Where light cannot be told, more must be explained.
+    Where the light cannot be told, the share must exceed `UNTOLD` instead.
 
     Masks that move have sums like streaks, which explain a little of each other.
     """

@@ -148,8 +148,9 @@ class _Comparison:
         tile, around = (contested_tile(of_simple, of_other, side) for side in (TILES.tile, TILES.tile * 4 // 3))
         if not self._holds(simple, other, prior, looks, doubt, tile) or self._leaves_a_mover(simple, prior):
             return False
-        same = tile == around or not self.by_chance  # then there is nothing new to be seen
-        return same or self._holds(simple, other, prior, {max(looks): always}, doubt, around)
+        if tile == around or not self.by_chance:  # the tile is the picture, or there is no evidence
+            return time.perf_counter() < self.until
+        return self._holds(simple, other, prior, {max(looks): always}, doubt, around)
 
     def _holds(
         self,

@@ -61,7 +61,7 @@ def test_masks_of_two_views_that_complement_each_other_raise_no_alarm(scene, noi
     fit = check_fit(simulate(truth, masks, noise, seed=1), masks)
     assert fit.ok, fit.warnings
     assert (fit.follows, fit.black_level) == (None, None)
-    assert "do not tell all views apart" in fit.unknown
+    assert "complement each other" in fit.unknown
     assert not fit.bad.any()
     third = np.concatenate([masks, random_masks((1, *masks.shape[1:]), seed=3)])
     assert kinds(simulate(made(third, scene), third, noise, seed=1), third) == []
@@ -79,6 +79,10 @@ def test_what_tells_the_light_is_said_of_each_kind_of_masks(scene):
         assert Code(masks.sum(1, dtype=np.float32)).tells_light
     for masks in (complement(one[0]), np.concatenate([one, np.ones_like(one)])):
         assert not Code(masks.sum(1, dtype=np.float32)).tells_light
+    good = np.ones(one.shape[2:], bool)
+    good[5, 7] = False
+    grey = np.concatenate([one, np.full_like(one, 0.3, np.float32)]).sum(1, dtype=np.float32)
+    assert not Code(grey, good).tells_light, "rounding is no detail"
 
 
 WRONG = {

@@ -59,13 +59,6 @@ def test_what_the_simple_model_cannot_show_is_what_is_beyond_it():
     np.testing.assert_allclose(dark[1], (masks * x)[1].sum(0), atol=1e-12)
 
 
-def side(pictures):
-    """Pixels a side of the tile that is taken from large pictures."""
-    rows, columns = contested_tile(pictures, pictures[::-1], 96)
-    assert rows.stop - rows.start == columns.stop - columns.start
-    return rows.stop - rows.start
-
-
 def test_models_are_compared_where_the_simple_one_is_worst_off_not_where_errors_are_largest():
     rng = np.random.default_rng(0)
     unseen = rng.random((256, 300)) < 0.1
@@ -79,13 +72,19 @@ def test_models_are_compared_where_the_simple_one_is_worst_off_not_where_errors_
     assert columns.start <= 220 < 270 <= columns.stop
 
 
-@pytest.mark.parametrize("shape", [(1, 1), (5, 300), (47, 48), (97, 95)])
-def test_a_small_picture_is_compared_as_far_as_it_goes(shape):
-    tile = side(np.random.default_rng(0).random((300, 300)))
+@pytest.mark.parametrize("shape", [(1, 1), (5, 300), (47, 48), (97, 95), (200, 130)])
+@pytest.mark.parametrize("side", [96, 128])
+def test_a_small_picture_is_compared_as_far_as_it_goes(shape, side):
     errors = np.random.default_rng(0).random(shape)
     for some in (errors, np.zeros(shape)):
-        part = errors[contested_tile(some, errors[::-1], 96)]
-        assert part.shape == tuple(min(tile, n) for n in shape)
+        part = errors[contested_tile(some, errors[::-1], side)]
+        assert part.shape == tuple(min(side, n) for n in shape)
+
+
+def test_a_larger_tile_holds_the_smaller_one():
+    errors = np.random.default_rng(0).random((2, 200, 300))
+    for within, around in zip(contested_tile(*errors, 96), contested_tile(*errors, 128)):
+        assert around.start <= within.start < within.stop <= around.stop
 
 
 @pytest.mark.parametrize("dtype", [np.float32, np.float64])

@@ -100,6 +100,21 @@ def test_flow_may_find_a_still_scene_that_tv_leaves_open(monkeypatch, scene, sti
     assert solve(y, scene.masks, "flow", iterations=1).scene["still"]
 
 
+def test_what_speaks_for_a_still_scene_is_looked_at_again_on_a_larger_crop(monkeypatch, scene, still):
+    y, crops = pnp_sci.simulate(still, scene.masks), []
+    holds = select._Comparison._holds
+
+    def noted(self, *given):
+        crops.append(given[-1])
+        return holds(self, *given) and len(crops) < 2
+
+    monkeypatch.setattr(select._Comparison, "_holds", noted)
+    assert solve(y, scene.masks, "tv", iterations=1).scene["still"] is False
+    (tile, _), (around, _) = crops
+    assert tile.stop - tile.start == 96
+    assert around.stop - around.start == 128
+
+
 def test_what_is_compared_finds_nothing_still_by_itself(monkeypatch, scene, still):
     """Neither TV nor flow may, or both models would show the same; and the limits are those of flow as it is here."""
     made = []
