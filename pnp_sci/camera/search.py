@@ -20,7 +20,7 @@ MIRRORS = (  # the last for squares only
     lambda planes: planes[..., ::-1, ::-1],
     lambda planes: planes.swapaxes(-1, -2),
 )
-UNTOLD = 0.1  # least explained share that is trusted where the light cannot be told; wrong masks that move reach 0.08
+ENOUGH = 0.1  # least explained share that is trusted where the light cannot be told; wrong masks that move reach 0.08
 CHANCE = 3.0  # standard errors: estimates nearer to 0 count as 0
 NEGLIGIBLE = 0.02  # pixels: masks that far off cost some 0.05 dB
 MOTIONS = 4  # shift along rows and columns, rotation, scale
@@ -61,12 +61,12 @@ def search(models: list[LocalModel], each_view: bool | Literal["auto"]) -> Refin
 def trusted(found: Refined) -> bool:
     """Whether more is explained than by chance, and twice as much as by mirrored masks; and whether light is positive.
 
-    Where the light cannot be told, the share must exceed `UNTOLD` instead.
+    Where the light cannot be told, the share must exceed `ENOUGH` instead.
 
     Masks that move have sums like streaks, which explain a little of each other.
     """
     told = found.model.tells_light
-    least = max(BY_CHANCE * found.fit.share_by_chance, 0 if told else UNTOLD)
+    least = max(BY_CHANCE * found.fit.share_by_chance, 0 if told else ENOUGH)
     if found.fit.share <= least or (told and light_against_mean(found.model, found.fit)[1] <= 0):
         return False
     mirrors = MIRRORS[: 4 if found.model.shape[2] == found.model.shape[3] else 3]
