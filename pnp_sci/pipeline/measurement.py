@@ -11,6 +11,7 @@ import numpy as np
 
 from pnp_sci.accel.arrays import like
 from pnp_sci.pipeline.blend import blended
+from pnp_sci.pipeline.noise_left import NoiseLeft
 from pnp_sci.pipeline.progress import Watch
 from pnp_sci.pipeline.reference import Reference
 from pnp_sci.pipeline.request import Request
@@ -116,7 +117,8 @@ def reconstruct(
         phi, y, x, saturated = backend.operator(reduced), *map(backend.put, (joint.y, x, joint.saturated))
         schedule = replace(plan.schedule, product=backend.put(plan.schedule.product))
         finish = _Finish(joint, phi, y, session, x if decoded else None)
-        iterates = states(phi, y, session, x, ALGORITHMS[plan.algorithm], schedule, saturated)
+        told = NoiseLeft(joint, reduced, decoded and traits.strong, backend)
+        iterates = states(phi, y, session, x, ALGORITHMS[plan.algorithm], schedule, saturated, told)
         del x
         state, status, records = run(
             iterates, y, plan, watch,
@@ -127,7 +129,7 @@ def reconstruct(
             put(video, own, joint.unit)
         facts = session.facts()
     remarks = remarks + _unexplained(joint, status, records)
-    own = list(window.of_kept(problems))
+    own = [told.of(problem) for problem in window.of_kept(problems)]
     scenes = [_found(scene, problem, facts, remarks) for problem in own]
     records = [replace(record, measurement=window.kept.start) for record in records]
     if truth and records:
@@ -135,7 +137,8 @@ def reconstruct(
         records[-1] = replace(records[-1], ssim=ssim)
         for found, n, video in zip(scenes, window.kept, out):
             found["remarks"] += truth.remarks(video, n)
-    return Outcome(own, status, records, scenes, plan.describe(), name, finish.shares, _weights(facts), scene)
+    done = told.planned(plan).describe()
+    return Outcome(own, status, records, scenes, done, name, finish.shares, _weights(facts), scene)
 
 
 def _first(

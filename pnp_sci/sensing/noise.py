@@ -1,4 +1,4 @@
-"""Estimation of the noise level from a single measurement."""
+"""Estimation of the noise level from a single measurement, and from what an estimate leaves of it."""
 
 from __future__ import annotations
 
@@ -13,6 +13,7 @@ from pnp_sci.errors import InputTypeError
 from pnp_sci.sensing.operator import SensingOperator
 
 BLOCK = 8  # pixels per side of a block
+FEWEST = 16  # blocks for an estimate
 
 
 @dataclass(frozen=True)
@@ -64,8 +65,6 @@ def estimate_noise(
     >>> 0.25 < estimate_noise(op, y) < 0.35
     True
     """
-    from scipy.special import gammaincinv
-
     if not isinstance(op, SensingOperator):
         raise InputTypeError(f"op is {type(op).__name__}: a SensingOperator was expected, as SensingOperator(masks) is")
     views, frames, rows, columns = op.shape
@@ -80,7 +79,7 @@ def estimate_noise(
     usable = freedom >= (1 if bad is None else 4 * views)
     if saturated is not None:
         usable &= ~blocks(saturated).any(1)
-    if usable.sum() < 16:
+    if usable.sum() < FEWEST:
         return 0.0
     right, down = (t.reshape(-1) for t in np.meshgrid(*[np.linspace(-0.5, 0.5, BLOCK)] * 2))
     time = np.linspace(-1, 1, frames) if frames > 1 else np.zeros(1)
@@ -98,8 +97,38 @@ def estimate_noise(
     product = np.einsum("kpi,kp->ki", model, values)
     fit = np.linalg.solve(normal + ridge * np.eye(model.shape[-1]), product[..., None])[..., 0]
     left_over = ((values - np.einsum("kpi,ki->kp", model, fit)) ** 2).sum(1)
-    quantiles_of_chi_square = 2 * gammaincinv(freedom[usable] / 2, TUNED.quantile)  # scipy.stats takes 0.5 s to import
-    return float(np.sqrt(np.quantile(left_over[usable] / quantiles_of_chi_square, TUNED.quantile)))
+    return _of_quietest(left_over[usable], freedom[usable])
+
+
+def noise_left(residual: np.ndarray, known: np.ndarray | None = None) -> float:
+    """Standard deviation of a residual ``y - Phi x`` (..., H, W) in the blocks in which it is smallest.
+
+    If x is a denoised estimate that was not fitted to the noise of y, this is the noise, plus what the estimate lacks
+    of texture where it lacks least. As in :func:`estimate_noise` it is a quantile of sums of squares in blocks of 8 x 8
+    pixels. Infinite if fewer than 16 blocks have half of their pixels `known`, bool like the residual.
+
+    >>> residual = np.ones((64, 64))
+    >>> residual[:, :32] = 0.1 * np.random.default_rng(0).standard_normal((64, 32))
+    >>> 0.08 < noise_left(residual) < 0.12
+    True
+    """
+    if known is not None:
+        residual = residual * known
+    rows, columns = residual.shape[-2:]
+    squares, count = (
+        np.concatenate([blocks(picture) for picture in p.reshape(-1, rows, columns)]).sum(1)
+        for p in (residual.astype(np.float64) ** 2, np.ones(residual.shape) if known is None else known.astype(float))
+    )
+    usable = count >= BLOCK * BLOCK / 2
+    return _of_quietest(squares[usable], count[usable]) if usable.sum() >= FEWEST else np.inf
+
+
+def _of_quietest(squares: np.ndarray, freedom: np.ndarray) -> float:
+    """The standard deviation of noise of which the quietest blocks have such sums of squares, with such freedom."""
+    from scipy.special import gammaincinv
+
+    quantiles_of_chi_square = 2 * gammaincinv(freedom / 2, TUNED.quantile)  # scipy.stats takes 0.5 s to import
+    return float(np.sqrt(np.quantile(squares / quantiles_of_chi_square, TUNED.quantile)))
 
 
 def blocks(picture: np.ndarray, size: int = BLOCK) -> np.ndarray:

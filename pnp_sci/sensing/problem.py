@@ -51,6 +51,8 @@ class Problem:
         Pixels in which nothing is known of the light: y and all masks are 0.
     balance : ndarray, (H, W), optional
         What the masks of each pixel of a mosaic were multiplied by, > 0.
+    estimated : bool
+        Whether `noise` was estimated from y, so that texture makes it too large.
     """
 
     op: SensingOperator
@@ -60,6 +62,7 @@ class Problem:
     saturated: np.ndarray | None = None
     bad: np.ndarray | None = None
     balance: np.ndarray | None = None
+    estimated: bool = False
 
     @property
     def typical_noise(self) -> float:
@@ -200,7 +203,7 @@ def pose(op: SensingOperator, largest: float, y: np.ndarray, sensor: Sensor, bad
     y = y.astype(np.float64) if bad is None else np.where(bad, 0.0, y)
     saturated = sensor.saturated(y)
     height = float(np.abs(y).max()) or 1.0
-    sensor = measured(sensor, op, y, bad)
+    estimated, sensor = sensor.read_noise == "auto", measured(sensor, op, y, bad)
     sigma = np.minimum(sensor.deviation(y) / height, LOUDEST)
     y /= height
     unit = brightest(op, y, float(np.mean(sigma)))
@@ -210,8 +213,8 @@ def pose(op: SensingOperator, largest: float, y: np.ndarray, sensor: Sensor, bad
             f"y reaches {height:.3g} and masks {largest:.3g}: their quotient overflows {op.dtype}"
             + ("; give y as float64" if op.dtype == np.float32 else "")
         )
-    noise = sigma / unit
-    return Problem(op, (y / unit).astype(op.dtype), x_unit, noise if np.ndim(noise) else float(noise), saturated, bad)
+    noise = sigma / unit if np.ndim(sigma) else float(sigma / unit)
+    return Problem(op, (y / unit).astype(op.dtype), x_unit, noise, saturated, bad, estimated=estimated)
 
 
 def brightest(op: SensingOperator, y: np.ndarray, noise: float) -> float:

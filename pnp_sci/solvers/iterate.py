@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from dataclasses import replace
 from functools import partial
 from typing import Any
@@ -90,14 +90,17 @@ def states(
     step: Step,
     schedule: Schedule,
     saturated: Array | None = None,
+    revise: Callable[[Schedule, State], Schedule] = lambda schedule, _: schedule,
 ) -> Iterator[State]:
-    """The iterates of :func:`iterate`, with a session of the prior and a schedule."""
-    gram, product = float(op.gram.mean()), schedule.product
-    in_x = (product if isinstance(product, (int, float)) else float(product.mean())) / gram if gram > 0 else 0.0
+    """The iterates of :func:`iterate`, with a session of the prior and a schedule; `revise` may change that."""
+    gram = float(op.gram.mean())
     state = start(op, y, x)
     del x  # as large as all that a step needs
     while True:
         yield state
+        schedule = revise(schedule, state)
+        product = schedule.product
+        in_x = (product if isinstance(product, (int, float)) else float(product.mean())) / gram if gram > 0 else 0.0
         sigma, rho = schedule.at(state.iteration)
         state = rescaled(state, sigma)
         state = step(op, y, partial(_denoised, session, state.x, in_x), state, sigma, rho, saturated)

@@ -22,8 +22,8 @@ class ScheduleNumbers(Tuned):
     """How strongly the prior denoises and how far the data are trusted, in units where x spans [0, 1]."""
 
     sigma: float = 0.05  # sigma without noise, for up to USUAL frames of all views and mask elements of one pixel
-    balance: float = 0.6  # sigma * rho per variance of the noise, for faint noise or USUAL frames of all views
-    loud: float = 0.03  # noise in a pixel of x at which fewer frames have half of their larger balance
+    balance: float = 12.6  # sigma * rho per variance of strong noise, times 1 + frames of all views; faint: twice that
+    loud: float = 0.03  # noise in a pixel of x that is halfway between faint and strong
     softest: float = 0.15  # largest rho in units of the mean gram, if sigma were to follow the noise
     more: int = 60  # calls of a strong prior that weak noise leaves of use, beyond those of the fast effort
     settled: float = 0.7  # sigma in the last call of a strong prior without noise, in units of its first
@@ -122,6 +122,11 @@ class Schedule:
         """The schedule for a strong prior that serves from iteration `begins` to `ends`, counted from 0."""
         return replace(self, begins=ends - (ends - begins) // 3, ends=ends)
 
+    def told(self, op: SensingOperator, noise: float) -> Schedule:
+        """The schedule for another noise of y: its product, and how far sigma falls; sigma begins where it did."""
+        product, loud = demanded(op, noise)
+        return replace(self, product=product, settled=_settled(loud) if self.settled < 1 else self.settled)
+
     def at(self, iteration: int) -> tuple[float, float | np.ndarray]:
         """sigma and rho of an iteration, counted from 0."""
         sigma = self.sigma
@@ -130,13 +135,30 @@ class Schedule:
         return sigma, self.product / sigma if sigma > 0 else 0.0
 
 
+def demanded(op: SensingOperator, noise: float | np.ndarray) -> tuple[float | np.ndarray, float | np.ndarray]:
+    """sigma * rho for a standard deviation `noise` of y, and how loud the noise is, 0 to 1.
+
+    The minimum that GAP and ADMM approach depends on the product ``sigma * rho`` only; how quickly they approach it
+    depends on both. The product is the variance of the noise times a balance, which falls with the number of frames of
+    all views: errors of many frames are larger than what the noise adds to them. It halves from faint to strong noise,
+    and the best weight of total variation grows like strong noise and not like its square.
+    """
+    gram, frames = float(np.mean(op.gram)), op.parts[0].shape[0] * op.parts[0].shape[1]
+    in_x = noise / np.sqrt(gram) if gram > 0 else 0.0
+    loud = in_x**2 / (in_x**2 + TUNED.loud**2)
+    balance = TUNED.balance * (2 - loud) / (1 + frames)
+    return (balance * noise**2 / (1 + in_x) if gram > 0 else 0.0), loud
+
+
+def _settled(loud: float | np.ndarray) -> float:
+    """The factor that sigma falls to."""
+    return float(TUNED.settled ** np.mean(1 - loud))
+
+
 def schedule_for(op: SensingOperator, noise: float | np.ndarray, sigma: float | None = None) -> Schedule:
     """The schedule for a standard deviation `noise` of y, and maybe a given sigma, in units where x spans [0, 1].
 
-    The minimum that GAP and ADMM approach depends on the product ``sigma * rho`` only; how quickly they approach it
-    depends on both. The product is the variance of the noise times a balance: 0.6 for faint noise, since an estimate of
-    it is mostly texture then, and for 20 frames of all views or more; up to 6.3 for one frame. It is smaller for strong
-    noise, since the best weight of total variation then grows like the noise and not like its square.
+    For the product of sigma and rho see :func:`demanded`.
 
     Without noise sigma is 0.05 for up to 20 frames of all views and mask elements of one pixel. It grows with the side
     of the elements and with the root of the number of frames, up to 0.25, as the errors do that a prior is to remove:
@@ -149,15 +171,11 @@ def schedule_for(op: SensingOperator, noise: float | np.ndarray, sigma: float | 
     remains, but errors too where sigma falls before they are removed. So sigma falls in the last third of the calls, to
     0.7 of what it was; with noise it falls less. A given sigma does not fall.
     """
-    gram, frames = float(np.mean(op.gram)), op.parts[0].shape[0] * op.parts[0].shape[1]
-    in_x = noise / np.sqrt(gram) if gram > 0 else 0.0
-    loud = in_x**2 / (in_x**2 + TUNED.loud**2)
-    balance = TUNED.balance * (1 + max((1 + USUAL) / (1 + frames) - 1, 0) * loud)
-    product = balance * noise**2 / (1 + in_x) if gram > 0 else 0.0
-    mean = float(np.mean(product))
+    product, loud = demanded(op, noise)
+    mean, gram = float(np.mean(product)), float(np.mean(op.gram))
+    frames = op.parts[0].shape[0] * op.parts[0].shape[1]
     quiet = TUNED.sigma * min(max(element(op) * float(np.sqrt(frames / USUAL)), 1.0), COARSEST)
     if sigma is not None:
         return Schedule(product, sigma, quiet=quiet)
     soft = max(TUNED.sigma, mean / (TUNED.softest * gram)) if mean > 0 else TUNED.sigma
-    settled = TUNED.settled ** float(np.mean(1 - loud))
-    return Schedule(product, max(quiet, float(np.sqrt(soft * TUNED.sigma))), settled, quiet=quiet)
+    return Schedule(product, max(quiet, float(np.sqrt(soft * TUNED.sigma))), _settled(loud), quiet=quiet)

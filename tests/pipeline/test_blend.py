@@ -85,6 +85,7 @@ def test_a_decoder_has_its_share_of_the_result(embedded, smooth, prior):
     """What is returned lies between the solver's estimate and the decoder's; so say history and settings."""
     y = np.stack([pnp_sci.simulate(embedded.truth, embedded.masks, noise, seed=3) for noise in (0.1, 0.03)])
     known = {"prior": prior, "scene": "full", "iterations": 9, "reference": np.stack([embedded.truth] * 2)}
+    known["noise"] = 0.06 * float(y.max())  # an estimated one would be lowered from a decoder on only
     named, given = (pnp_sci.solve(y, embedded.masks, init=init, **known) for init in ("smooth", smooth))
     decoded = pnp_sci.decode(y, embedded.masks, model="smooth").x
     shares = np.array(named.settings["share"])

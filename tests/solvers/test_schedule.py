@@ -27,18 +27,35 @@ def test_the_contrast_of_masks():
         assert contrast(SensingOperator(edge)) == 1
 
 
+SIZES = (1, 1), (2, 1), (1, 8), (2, 6), (2, 10), (3, 16)
+
+
 def test_noise_counts_the_more_the_fewer_frames_there_are():
-    """In units of the variance, at the same noise in a pixel of x; faint noise counts the same with any number."""
+    """In units of the variance, at the same noise in a pixel of x; faint noise counts twice as much as strong noise."""
 
     def product(op, in_x):
         noise = in_x * np.sqrt(np.mean(op.gram))
         return schedule_for(op, noise).product / noise**2 * (1 + in_x)
 
-    loud = [product(planes_of(views, frames), 0.2) for views, frames in ((1, 1), (2, 1), (1, 8), (2, 6), (2, 10))]
-    assert loud == sorted(loud, reverse=True)
-    assert loud[0] > 5 * loud[-1]
-    faint = [product(planes_of(views, frames), 1e-4) for views, frames in ((1, 1), (1, 8), (2, 10))]
-    np.testing.assert_allclose([*faint, loud[-1]], faint[0], rtol=1e-3)
+    strong, middle, faint = (
+        np.array([product(planes_of(*size), in_x) for size in SIZES]) for in_x in (1e3, 0.03, 1e-6)
+    )
+    for each in (strong, middle, faint):
+        np.testing.assert_allclose(each * [1 + views * frames for views, frames in SIZES], 2 * each[0])
+    np.testing.assert_allclose([faint / strong, middle / strong], [[2.0] * 6, [1.5] * 6], rtol=1e-5)
+
+
+def test_a_schedule_may_be_told_another_noise():
+    """sigma begins where it did; all else is as if that noise had been known from the beginning."""
+    op = planes_of(2, 10)
+    told = schedule_for(op, 0.4).settling(3, 9).told(op, 0.1)
+    known = schedule_for(op, 0.1).settling(3, 9)
+    assert (told.product, told.settled, told.begins, told.ends) == (
+        known.product, known.settled, known.begins, known.ends
+    )  # fmt: skip
+    assert told.sigma == schedule_for(op, 0.4).sigma
+    fixed = schedule_for(op, 0.4, sigma=0.1).settling(3, 9).told(op, 0.1)
+    assert fixed.at(9)[0] == 0.1, "a given sigma does not fall"
 
 
 def blocks(shape, side):
