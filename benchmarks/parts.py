@@ -23,6 +23,7 @@ import numpy as np
 
 import pnp_sci
 from pnp_sci.pipeline import measurement
+from pnp_sci.pipeline.noise_left import NoiseLeft
 from pnp_sci.solvers import iterate
 from pnp_sci.solvers.averaging import RunningMean
 from pnp_sci.training.clips import load_clips, split
@@ -34,7 +35,8 @@ SIZE = 128
 # (views, frames): number of cases
 SETUPS = {(2, 10): 10, (2, 6): 2, (2, 14): 2, (1, 8): 6}
 QUIET = (0.0,)
-NOISES = 0.02, 0.04, 0.06, 0.08, 0.1  # of max(y)
+FAINT = 0.005, 0.01  # of max(y)
+NOISES = 0.02, 0.04, 0.06, 0.08, 0.1
 
 
 def validation_clips():
@@ -100,6 +102,10 @@ def with_true_motion(truth):
     return mock.patch.object(along_motion, "see", lambda _, x, *rest: see(true, x, *rest))
 
 
+def without_lower_noise(_):
+    return mock.patch.object(NoiseLeft, "__call__", lambda _, schedule, state: schedule)
+
+
 # part: what leaves it out (or puts the truth in), prior, and noises of max(y)
 PARTS = {
     "averaging-video": (without_averaging, "video", QUIET),
@@ -115,6 +121,10 @@ PARTS = {
     "finish-video": (without_finish, "video", QUIET),
     "finish-flow": (without_finish, "flow", QUIET),
     "true-motion": (with_true_motion, "video", QUIET),
+    "lower-noise-video": (without_lower_noise, "video", QUIET),
+    "lower-noise-video-faint": (without_lower_noise, "video", FAINT),
+    "lower-noise-flow": (without_lower_noise, "flow", QUIET),
+    "lower-noise-flow-faint": (without_lower_noise, "flow", FAINT),
     "share-video": (without_share, "video", NOISES),
     "share-flow": (without_share, "flow", NOISES),
 }

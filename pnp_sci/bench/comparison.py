@@ -237,8 +237,7 @@ class _Task:
         words = method.python(self.source, **self.common), method.command(self.source, **self.common)
         try:
             score = self.score(method)
-            # the same estimate of the noise as in `solve`
-            settings: dict[str, Any] = self.common | {"noise": self.sensor, "bad": self.bad}
+            settings: dict[str, Any] = self.common | {"bad": self.bad}
             result = api.solve(self.y, self.masks, **method.arguments(), **settings)
         except Exception as error:  # an error in a plugin must not end the comparison
             return Trial(method, *words, error=" ".join(str(error).split()) or type(error).__name__)
@@ -248,7 +247,7 @@ class _Task:
         return Trial(method, *words, result, None, score, psnr, ssim)
 
     def score(self, method: Method) -> float:
-        """The held-back score; noise and scene are those of all pixels, equal for all methods."""
+        """The held-back score; noise, not lowered, and scene are those of all pixels, equal for all methods."""
         settings = method.arguments() | self.common | {"noise": self.sensor, "scene": self.scene}
         planes = self.planes if self.bad is None else self.planes * ~self.bad
         return held_back_score(

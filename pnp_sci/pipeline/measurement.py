@@ -117,7 +117,7 @@ def reconstruct(
         phi, y, x, saturated = backend.operator(reduced), *map(backend.put, (joint.y, x, joint.saturated))
         schedule = replace(plan.schedule, product=backend.put(plan.schedule.product))
         finish = _Finish(joint, phi, y, session, x if decoded else None)
-        told = NoiseLeft(joint, reduced, decoded and traits.strong, backend)
+        told = NoiseLeft(joint, reduced, decoded and traits.strong and request.sigma is None, backend)
         iterates = states(phi, y, session, x, ALGORITHMS[plan.algorithm], schedule, saturated, told)
         del x
         state, status, records = run(

@@ -89,8 +89,7 @@ def together(problems: Sequence[Problem]) -> Problem:
         noise = noises[0]
     op = SequenceOperator([problem.op for problem in problems])
     y = np.stack([problem.y for problem in problems])
-    estimated = all(problem.estimated for problem in problems)
-    return Problem(op, y, problems[0].unit, noise, stacked("saturated"), stacked("bad"), estimated=estimated)
+    return Problem(op, y, problems[0].unit, noise, stacked("saturated"), stacked("bad"))
 
 
 def alike(problems: Sequence[Problem], same_noise: bool) -> list[Problem]:

@@ -100,8 +100,8 @@ def estimate_noise(
     return _of_quietest(left_over[usable], freedom[usable])
 
 
-def noise_left(residual: np.ndarray, known: np.ndarray | None = None) -> float:
-    """Standard deviation of a residual ``y - Phi x`` (..., H, W) in the blocks in which it is smallest.
+def noise_left(residual: np.ndarray, known: np.ndarray) -> float:
+    """Standard deviation of a residual ``y - Phi x`` (H, W) in the blocks in which it is smallest.
 
     If x is a denoised estimate that was not fitted to the noise of y, this is the noise, plus what the estimate lacks
     of texture where it lacks least. As in :func:`estimate_noise` it is a quantile of sums of squares in blocks of 8 x 8
@@ -109,16 +109,10 @@ def noise_left(residual: np.ndarray, known: np.ndarray | None = None) -> float:
 
     >>> residual = np.ones((64, 64))
     >>> residual[:, :32] = 0.1 * np.random.default_rng(0).standard_normal((64, 32))
-    >>> 0.08 < noise_left(residual) < 0.12
+    >>> 0.08 < noise_left(residual, np.ones((64, 64), bool)) < 0.12
     True
     """
-    if known is not None:
-        residual = residual * known
-    rows, columns = residual.shape[-2:]
-    squares, count = (
-        np.concatenate([blocks(picture) for picture in p.reshape(-1, rows, columns)]).sum(1)
-        for p in (residual.astype(np.float64) ** 2, np.ones(residual.shape) if known is None else known.astype(float))
-    )
+    squares, count = blocks(known * residual.astype(np.float64) ** 2).sum(1), blocks(known).sum(1)
     usable = count >= BLOCK * BLOCK / 2
     return _of_quietest(squares[usable], count[usable]) if usable.sum() >= FEWEST else np.inf
 

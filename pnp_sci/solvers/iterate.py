@@ -94,13 +94,14 @@ def states(
 ) -> Iterator[State]:
     """The iterates of :func:`iterate`, with a session of the prior and a schedule; `revise` may change that."""
     gram = float(op.gram.mean())
+    in_x = schedule.mean_product() / gram if gram > 0 else 0.0
     state = start(op, y, x)
     del x  # as large as all that a step needs
     while True:
         yield state
-        schedule = revise(schedule, state)
-        product = schedule.product
-        in_x = (product if isinstance(product, (int, float)) else float(product.mean())) / gram if gram > 0 else 0.0
+        revised = revise(schedule, state)
+        if revised is not schedule:
+            schedule, in_x = revised, revised.mean_product() / gram
         sigma, rho = schedule.at(state.iteration)
         state = rescaled(state, sigma)
         state = step(op, y, partial(_denoised, session, state.x, in_x), state, sigma, rho, saturated)

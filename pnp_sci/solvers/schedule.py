@@ -122,10 +122,17 @@ class Schedule:
         """The schedule for a strong prior that serves from iteration `begins` to `ends`, counted from 0."""
         return replace(self, begins=ends - (ends - begins) // 3, ends=ends)
 
+    def mean_product(self) -> float:
+        """The mean of `product` over all pixels; it may be a tensor."""
+        return self.product if isinstance(self.product, (int, float)) else float(self.product.mean())
+
     def told(self, op: SensingOperator, noise: float) -> Schedule:
-        """The schedule for another noise of y: its product, and how far sigma falls; sigma begins where it did."""
+        """The schedule for another noise of y: its product, and how far sigma falls; sigma begins where it did.
+
+        Of a schedule without a given sigma.
+        """
         product, loud = demanded(op, noise)
-        return replace(self, product=product, settled=_settled(loud) if self.settled < 1 else self.settled)
+        return replace(self, product=product, settled=_settled(loud))
 
     def at(self, iteration: int) -> tuple[float, float | np.ndarray]:
         """sigma and rho of an iteration, counted from 0."""
@@ -139,14 +146,15 @@ def demanded(op: SensingOperator, noise: float | np.ndarray) -> tuple[float | np
     """sigma * rho for a standard deviation `noise` of y, and how loud the noise is, 0 to 1.
 
     The minimum that GAP and ADMM approach depends on the product ``sigma * rho`` only; how quickly they approach it
-    depends on both. The product is the variance of the noise times a balance, which falls with the number of frames of
-    all views: errors of many frames are larger than what the noise adds to them. It halves from faint to strong noise,
-    and the best weight of total variation grows like strong noise and not like its square.
+    depends on both. The product is the variance of the noise times a balance, divided by ``1 + in_x``, as the best
+    weight of total variation grows like strong noise and not like its square. The balance is the smaller, the more
+    frames of all views there are, up to 20: with many frames most errors come from what is not measured, and few from
+    the noise. For strong noise it is half of that for faint noise.
     """
     gram, frames = float(np.mean(op.gram)), op.parts[0].shape[0] * op.parts[0].shape[1]
     in_x = noise / np.sqrt(gram) if gram > 0 else 0.0
     loud = in_x**2 / (in_x**2 + TUNED.loud**2)
-    balance = TUNED.balance * (2 - loud) / (1 + frames)
+    balance = TUNED.balance * (2 - loud) / (1 + min(frames, USUAL))
     return (balance * noise**2 / (1 + in_x) if gram > 0 else 0.0), loud
 
 

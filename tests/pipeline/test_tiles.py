@@ -47,7 +47,8 @@ def test_there_is_no_seam(large):
     np.testing.assert_allclose(*at_seam, atol=0.02)
     assert parts.history[-1].iteration == whole.history[-1].iteration
     assert parts.history[-1].psnr == pytest.approx(whole.history[-1].psnr, abs=0.02)
-    assert parts.history[-1].residual < 0.002, "as each tile has a pace of its own, not that of the whole"
+    # each tile has a pace of its own
+    assert parts.history[-1].residual < 3 * whole.history[-1].residual
     assert np.isfinite(parts.uncertainty).all()
 
 

@@ -41,7 +41,7 @@ def test_noise_counts_the_more_the_fewer_frames_there_are():
         np.array([product(planes_of(*size), in_x) for size in SIZES]) for in_x in (1e3, 0.03, 1e-6)
     )
     for each in (strong, middle, faint):
-        np.testing.assert_allclose(each * [1 + views * frames for views, frames in SIZES], 2 * each[0])
+        np.testing.assert_allclose(each * [1 + min(views * frames, 20) for views, frames in SIZES], 2 * each[0])
     np.testing.assert_allclose([faint / strong, middle / strong], [[2.0] * 6, [1.5] * 6], rtol=1e-5)
 
 
@@ -54,8 +54,6 @@ def test_a_schedule_may_be_told_another_noise():
         known.product, known.settled, known.begins, known.ends
     )  # fmt: skip
     assert told.sigma == schedule_for(op, 0.4).sigma
-    fixed = schedule_for(op, 0.4, sigma=0.1).settling(3, 9).told(op, 0.1)
-    assert fixed.at(9)[0] == 0.1, "a given sigma does not fall"
 
 
 def blocks(shape, side):
