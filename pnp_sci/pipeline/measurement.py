@@ -133,12 +133,10 @@ def reconstruct(
     scenes = [_found(scene, problem, facts, remarks) for problem in own]
     records = [replace(record, measurement=window.kept.start) for record in records]
     if truth and records:
-        ssim = float(np.mean([truth.ssim(video, n) for n, video in zip(window.kept, out)]))
-        records[-1] = replace(records[-1], ssim=ssim)
+        records[-1] = replace(records[-1], ssim=float(np.mean([truth.ssim(v, n) for n, v in zip(window.kept, out)])))
         for found, n, video in zip(scenes, window.kept, out):
             found["remarks"] += truth.remarks(video, n)
-    done = told.planned(plan).describe()
-    return Outcome(own, status, records, scenes, done, name, finish.shares, _weights(facts), scene)
+    return Outcome(own, status, records, scenes, told.describe(plan), name, finish.shares, _weights(facts), scene)
 
 
 def _first(

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from typing import Any
 
 from pnp_sci.sensing.noise import noise_left
 from pnp_sci.sensing.operator import SensingOperator
@@ -56,6 +57,8 @@ class NoiseLeft:
         """The problem of a measurement with the noise that the solver was told in the end."""
         return replace(problem, noise=self.noise) if self.due else problem
 
-    def planned(self, plan: Plan) -> Plan:
-        """The plan for that noise."""
-        return replace(plan, schedule=plan.schedule.told(self.op, float(self.noise))) if self.due else plan
+    def describe(self, plan: Plan) -> dict[str, Any]:
+        """The plan for that noise, for `Result.settings`."""
+        if self.due:
+            plan = replace(plan, schedule=plan.schedule.told(self.op, float(self.noise)))
+        return plan.describe()
