@@ -74,11 +74,11 @@ def test_with_a_given_sigma_the_estimate_stays(textured, good, algorithm, sigma)
     assert noise == pytest.approx(pnp_sci.estimate_noise(pnp_sci.SensingOperator(masks), y), rel=1e-5)
 
 
-@pytest.mark.parametrize("options", [{"algorithm": "plain-gap"}, {"algorithm": "admm"}, {"backend": "torch"}])
-def test_of_all_algorithms_and_backends_it_is_between_the_noise_and_the_estimate(textured, good, options):
+@pytest.mark.parametrize("options", [{"algorithm": "admm"}, {"backend": "torch"}])
+def test_admm_and_torch_lower_it_too(textured, good, options):
     masks, _, y, noise = textured
     used = pnp_sci.solve(y, masks, init="good", **OPTIONS | options).settings["noise"][0]
-    assert 0.8 * noise < used <= pnp_sci.estimate_noise(pnp_sci.SensingOperator(masks), y) * (1 + 1e-5)
+    assert 0.8 * noise < used < 0.8 * pnp_sci.estimate_noise(pnp_sci.SensingOperator(masks), y)
 
 
 def test_a_prior_that_leaves_nothing_does_not_lower_it_to_nothing(textured, good):
