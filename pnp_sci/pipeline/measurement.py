@@ -12,6 +12,7 @@ import numpy as np
 from pnp_sci.accel.arrays import like
 from pnp_sci.pipeline.blend import blended
 from pnp_sci.pipeline.noise_left import NoiseLeft
+from pnp_sci.pipeline.noise_of_still import noise_of_still
 from pnp_sci.pipeline.progress import Watch
 from pnp_sci.pipeline.reference import Reference
 from pnp_sci.pipeline.request import Request
@@ -87,9 +88,11 @@ def reconstruct(
 
     The videos of those that are kept go to `out` (N, V, B, H, W), in the user's units.
     """
-    op, joint = problems[0].op, together(problems)
+    op = problems[0].op
     traits = request.prior.traits(op.shape)
     scene = choose_scene(request.scene, problems[0], traits.strong, traits.strong, judged_until(deadline))
+    problems = noise_of_still(problems, scene, request, judged_until(deadline))
+    joint = together(problems)
     reduced = scene.reduce(joint.op)
     begin = _first(problems, request, window, scene, may_decode(traits, deadline), deadline)
     name, decoded, x, remarks = begin.name, begin.decoded, begin.x, begin.remarks
@@ -133,9 +136,7 @@ def reconstruct(
     scenes = [_found(scene, problem, facts, remarks) for problem in own]
     records = [replace(record, measurement=window.kept.start) for record in records]
     if truth and records:
-        records[-1] = replace(records[-1], ssim=float(np.mean([truth.ssim(v, n) for n, v in zip(window.kept, out)])))
-        for found, n, video in zip(scenes, window.kept, out):
-            found["remarks"] += truth.remarks(video, n)
+        _compare(truth, window.kept, out, records, scenes)
     return Outcome(own, status, records, scenes, told.describe(plan), name, finish.shares, _weights(facts), scene)
 
 
@@ -162,6 +163,15 @@ def _found(scene: SceneModel, problem: Problem, facts: Mapping[str, Any], remark
     """What was found of the scene of a measurement."""
     found = scene.describe(problem.op) | {"at_rest": scene.at_rest(facts.get("still", []))} | counts(problem)
     return found | {"remarks": found["remarks"] + remarks}
+
+
+def _compare(
+    truth: Reference, kept: range, videos: np.ndarray, records: list[Record], scenes: list[dict[str, Any]]
+) -> None:
+    """Add SSIM to the last record, and remarks on the truth to the scenes."""
+    records[-1] = replace(records[-1], ssim=float(np.mean([truth.ssim(v, n) for n, v in zip(kept, videos)])))
+    for found, n, video in zip(scenes, kept, videos):
+        found["remarks"] += truth.remarks(video, n)
 
 
 def _weights(facts: Mapping[str, Any]) -> list[str]:

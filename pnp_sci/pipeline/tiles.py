@@ -11,6 +11,7 @@ from typing import Any
 import numpy as np
 
 from pnp_sci.pipeline.measurement import Outcome, counts, judged_until, reconstruct, untouched
+from pnp_sci.pipeline.noise_of_still import noise_of_still
 from pnp_sci.pipeline.progress import Watch
 from pnp_sci.pipeline.reference import Reference
 from pnp_sci.pipeline.request import Request
@@ -107,10 +108,11 @@ def reconstruct_in_tiles(
         return reconstruct(problems, request, out, window=window, deadline=deadline, watch=watch, truth=truth)
     strong = request.prior.traits(shape).strong
     scene = choose_scene(request.scene, problems[0], strong, strong, judged_until(deadline))
+    problems = noise_of_still(problems, scene, request, judged_until(deadline))
     outcomes = []
     for left, tile in zip(range(len(parts), 0, -1), parts):
         own = replace(request.cropped(tile.seen), scene=scene)
-        # all tiles have the same noise: none lowers it
+        # all tiles have the same noise: none changes it
         cropped = [replace(problem.crop(tile.seen), estimated=False) for problem in problems]
         video = np.empty((*out.shape[:3], *cropped[0].op.shape[2:]), out.dtype)
         now = time.perf_counter()
