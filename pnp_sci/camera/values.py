@@ -18,6 +18,7 @@ BY_NOISE = 0.01  # of the sum of magnitudes: so much is negative by noise, much 
 CENTRED = 0.1  # of the pixels: of masks about 0, more have a negative sum
 SIGNED = {"uint8": 2**7, "uint16": 2**15}  # values from which on unsigned data are negative if they are read as signed
 REACHED = 0.97  # of the largest signed value: unsigned data above it reach that
+WRAPPED = 0.9  # of the largest unsigned value: what has wrapped below 0 is above that
 
 
 def unlike(y, weight, hot, dead, good) -> list[Finding]:
@@ -74,12 +75,21 @@ def loud(y: np.ndarray, sensor: Sensor) -> list[Finding]:
 
 
 def sign(y: np.ndarray, light: np.ndarray) -> list[Finding]:
-    """The finding of negative values y (N,) for masks that have none; `light` are those that are no outliers."""
+    """The finding of negative values y (N,) for masks that have none; `light` are those that are no outliers.
+
+    Unsigned numbers below 0 have wrapped: they are next to the largest number, and no other values are near them.
+    """
     low, top, part = float(y.min(initial=0)), float(y.max(initial=0)), np.mean(y < 0) if y.size else 0.0
     text = f"y is negative in {part:.1%} of the pixels, but no mask is"
     for name, end in SIGNED.items():
         if REACHED * end < top < end and -end <= low < -REACHED * end and np.unique(y[y < 0]).size > 2:
             return [Finding("sign", text, f"{name} data seem to be read as int{name[4:]}; read them as {name}")]
+    for name, end in SIGNED.items():
+        high = y[y >= end]
+        if top == 2 * end - 1 and high.size >= FEWEST and high.min() > 2 * WRAPPED * end and np.unique(high).size > 2:
+            text = f"{high.size} pixels have values from {high.min():.7g} to {top:.7g}, and none from {end} to these"
+            hint = f"a difference of {name} numbers seems to have wrapped below 0: subtract after y.astype(float)"
+            return [Finding("sign", text, hint)]
     if light.size == 0 or light.mean() >= -BELOW * light.std():
         return []
     hint = "too much may be subtracted from y, its sign may be wrong, or unsigned data may be read as signed"

@@ -1,4 +1,4 @@
-"""The noise of a scene that stands still: that with which a solver best predicts pixels of y which it cannot see."""
+"""The noise of a scene that stands still: that with which pixels of y that are held back are predicted best."""
 
 from __future__ import annotations
 
@@ -8,8 +8,9 @@ from dataclasses import replace
 
 import numpy as np
 
-from pnp_sci.pipeline.request import Request
 from pnp_sci.pipeline.uncertainty import held_back, without_pixels
+from pnp_sci.plugins import registry
+from pnp_sci.scene.choose import QUICK
 from pnp_sci.scene.evidence import contested_tile
 from pnp_sci.scene.judge import CHANCE
 from pnp_sci.sensing.noise import FEWEST, blocks
@@ -22,15 +23,14 @@ SIDE = 256  # pixels: the brightest part of larger pictures stands for them
 SEED = 1  # of the pixels that are held back: not those of `uncertainty`, which a second solve does not have
 
 
-def noise_of_still(problems: Sequence[Problem], scene: SceneModel, request: Request, until: float) -> Sequence[Problem]:
-    """The problems with their estimated noise halved as long as a solver predicts better then.
+def noise_of_still(problems: Sequence[Problem], scene: SceneModel, until: float) -> Sequence[Problem]:
+    """The problems with their estimated noise halved as long as pixels of y are predicted better then.
 
     The estimate from y takes texture for noise. With one frame per view that costs most, as y says nearly everything
     about so few values: without noise, no prior is needed. A tenth of the pixels of y is held back and predicted from
-    the others. Where texture is taken for noise the prediction lacks it, and where noise is taken for texture the
-    prediction has it. Half of the noise is believed if it makes the squared errors in blocks of 8 x 8 pixels smaller by
-    three standard errors, each relative to the sum of both; a half of that, when it is known that texture counts as
-    noise, by one.
+    the others by total variation, for any prior. Where texture is taken for noise the prediction lacks it, and where
+    noise is taken for texture the prediction has it. Half of the noise is believed if it makes the squared errors in
+    blocks of 8 x 8 pixels smaller by three standard errors, each relative to the sum of both.
 
     Parameters
     ----------
@@ -38,29 +38,24 @@ def noise_of_still(problems: Sequence[Problem], scene: SceneModel, request: Requ
         Those of a sequence have the same noise; the one in the middle stands for all.
     scene : SceneModel
         What is modelled. With more than one frame per view, the noise stays as it is.
-    request : Request
-        With a given sigma, the noise stays as it is.
     until : float
         A moment of ``time.perf_counter`` after which the noise stays as it is.
     """
-    middle = problems[len(problems) // 2]
-    if not (middle.estimated and middle.noise and request.sigma is None):
-        return problems
+    middle, prior = problems[len(problems) // 2], registry.installed("priors", QUICK)
     part = replace(middle, op=scene.reduce(middle.op))
-    if part.op.shape[1] > 1:
+    if prior is None or part.op.shape[1] > 1 or not (middle.estimated and middle.noise):
         return problems
-    if request.mosaic is None:
-        light = np.square(part.y, dtype=np.float64)
-        part = part.crop(contested_tile(light, np.ones_like(light), SIDE))
+    light = np.square(part.y, dtype=np.float64)
+    part = part.crop(contested_tile(light, np.ones_like(light), SIDE))
     hidden = held_back(part, SEED)
     if hidden is None:
         return problems
-    seen = without_pixels(part, hidden)
+    seen, quick = without_pixels(part, hidden), prior(still=False)
 
     def errors(noise: float) -> np.ndarray:
         """Sums of squared errors of the prediction, in blocks; TimeoutError after `until`."""
-        iterations = make_plan(seen.op, noise, request.prior, effort="fast").iterations
-        for state in iterate(seen.op, seen.y, request.prior, level(seen.op, seen.y), noise=noise):
+        iterations = make_plan(seen.op, noise, quick, effort="fast").iterations
+        for state in iterate(seen.op, seen.y, quick, level(seen.op, seen.y), noise=noise):
             if state.iteration == iterations:
                 break
             if time.perf_counter() > until:
@@ -69,22 +64,22 @@ def noise_of_still(problems: Sequence[Problem], scene: SceneModel, request: Requ
 
     noise = float(middle.noise)
     try:
-        of_noise, sure = errors(noise), CHANCE
-        while fewer(of_half := errors(noise / 2), of_noise, sure):
-            noise, of_noise, sure = noise / 2, of_half, 1.0
+        of_noise = errors(noise)
+        while fewer(of_half := errors(noise / 2), of_noise):
+            noise, of_noise = noise / 2, of_half
     except TimeoutError:
         pass
     return [replace(problem, noise=noise) for problem in problems]
 
 
-def fewer(some: np.ndarray, others: np.ndarray, sure: float) -> bool:
-    """Whether some squared errors in blocks are smaller than others, by so many standard errors of the mean.
+def fewer(some: np.ndarray, others: np.ndarray) -> bool:
+    """Whether some squared errors in blocks are smaller than others, beyond chance.
 
-    >>> fewer(np.linspace(1, 2, 40), np.linspace(2, 3, 40), 3), fewer(np.ones(40), np.ones(40), 3)
+    >>> fewer(np.linspace(1, 2, 40), np.linspace(2, 3, 40)), fewer(np.ones(40), np.ones(40))
     (True, False)
     """
     used = some + others > 0
     if used.sum() < FEWEST:
         return False
     gain = (others - some)[used] / (others + some)[used]
-    return bool(gain.mean() > sure * gain.std() / np.sqrt(gain.size))
+    return bool(gain.mean() > CHANCE * gain.std() / np.sqrt(gain.size))

@@ -181,6 +181,34 @@ def test_negative_measurements_are_noticed(scene, name, noise, views):
     assert told in fit.warnings[0]
 
 
+@pytest.fixture(scope="module")
+def raw(scene):
+    """Counts of a scene with a dark part, and a black level of 20."""
+    counts = simulate(scene.truth * (np.arange(128) >= 40)[:, None], scene.masks)
+    return np.random.default_rng(0).normal(120 * counts / counts.max() + 20, 2).round()
+
+
+@pytest.mark.parametrize("dtype", [np.uint8, np.uint16])
+@pytest.mark.parametrize("gone", [18, 20, 23])
+def test_differences_of_unsigned_numbers_that_have_wrapped_are_noticed(scene, raw, dtype, gone):
+    counts = raw.astype(dtype)
+    y = counts - dtype(gone)
+    assert y.max() == np.iinfo(dtype).max
+    (finding,) = check_fit(y, scene.masks).findings
+    assert finding.kind == "sign"
+    assert f"difference of {np.dtype(dtype)} numbers" in finding.text + finding.hint
+    assert not any("wrapped" in warning for warning in check_fit(counts.astype(float) - gone, scene.masks).warnings)
+
+
+@pytest.mark.parametrize("hot", [65535, np.linspace(40000, 65535, 60), np.r_[65535, [65400] * 59]])
+def test_hot_pixels_and_saturation_of_16_bits_have_not_wrapped(scene, raw, hot):
+    y = raw.copy()
+    y.flat[np.random.default_rng(1).permutation(y.size)[:60]] = hot
+    assert not any("wrapped" in warning for warning in check_fit(y.astype(np.uint16), scene.masks).warnings)
+    saturated = np.minimum(raw * 700, 65535).astype(np.uint16)
+    assert not any("wrapped" in warning for warning in check_fit(saturated, scene.masks).warnings)
+
+
 @pytest.mark.parametrize("noise", [0, 0.005])
 @pytest.mark.parametrize("views", [1, 2])
 def test_centred_masks_are_noticed(scene, noise, views):
