@@ -91,7 +91,7 @@ def reconstruct(
     op = problems[0].op
     traits = request.prior.traits(op.shape)
     scene = choose_scene(request.scene, problems[0], traits.strong, traits.strong, judged_until(deadline))
-    problems = noise_of_still(problems, scene, judged_until(deadline))
+    problems = noise_of_still(problems, scene, request, judged_until(deadline))
     joint = together(problems)
     reduced = scene.reduce(joint.op)
     begin = _first(problems, request, window, scene, may_decode(traits, deadline), deadline)
