@@ -32,10 +32,10 @@ def noise_of_still(problems: Sequence[Problem], scene: SceneModel, request: Requ
     The estimate from y takes texture for noise. With one frame per view that costs most, as y says nearly everything
     about so few values: without noise, no prior is needed. A tenth of the pixels of y is held back and predicted from
     the others. Where texture is taken for noise the prediction lacks it, and where noise is taken for texture the
-    prediction has it. Half of the noise is believed if it makes the squared errors in blocks of 8 x 8 pixels smaller by
-    three standard errors, each relative to the sum of both. When it is known that texture counts as noise, one standard
-    error is enough for a half of that. Both total variation and the prior that is asked for must say so: strong priors
-    may fall from one limit to another, as they minimise nothing, and total variation smooths texture.
+    prediction has it. Half of the noise is believed if total variation predicts better with it by three standard
+    errors, and the prior that is asked for better at all. What counts is the mean over blocks of 8 x 8 pixels of
+    the differences of the squared errors, each relative to the sum of both. Strong priors alone do not tell: they
+    minimise nothing, so that a little less noise may bring them to a limit far away.
 
     Parameters
     ----------
@@ -69,24 +69,24 @@ def noise_of_still(problems: Sequence[Problem], scene: SceneModel, request: Requ
                 raise TimeoutError
         return blocks(hidden * (part.y - part.op.forward(state.x)).astype(np.float64) ** 2).sum(1)
 
-    predictions = [cache(partial(errors, prior)) for prior in (tv(still=False), request.prior)]
-    noise, sure = float(middle.noise), CHANCE
+    by_tv, by_prior = (cache(partial(errors, prior)) for prior in (tv(still=False), request.prior))
+    noise = float(middle.noise)
     try:
-        while all(fewer(told(noise / 2), told(noise), sure) for told in predictions):
-            noise, sure = noise / 2, 1.0
+        while gain(by_tv(noise / 2), by_tv(noise)) > CHANCE and gain(by_prior(noise / 2), by_prior(noise)) > 0:
+            noise /= 2
     except TimeoutError:
         pass
     return [replace(problem, noise=noise) for problem in problems]
 
 
-def fewer(some: np.ndarray, others: np.ndarray, sure: float) -> bool:
-    """Whether some squared errors in blocks are smaller than others, by so many standard errors of the mean.
+def gain(some: np.ndarray, others: np.ndarray) -> float:
+    """By how many standard errors some squared errors in blocks are smaller than others.
 
-    >>> fewer(np.linspace(1, 2, 40), np.linspace(2, 3, 40), 3), fewer(np.ones(40), np.ones(40), 3)
-    (True, False)
+    >>> gain(np.ones(40), np.ones(40)), gain(np.linspace(1, 2, 40), np.linspace(2, 3, 40)) > 3
+    (0.0, True)
     """
     used = some + others > 0
     if used.sum() < FEWEST:
-        return False
-    gain = (others - some)[used] / (others + some)[used]
-    return bool(gain.mean() > sure * gain.std() / np.sqrt(gain.size))
+        return 0.0
+    gains = (others - some)[used] / (others + some)[used]
+    return float(gains.mean() / max(gains.std() / np.sqrt(gains.size), np.finfo(float).tiny))

@@ -6,7 +6,7 @@ import pytest
 import pnp_sci
 from pnp_sci.pipeline import noise_of_still as module
 from pnp_sci.pipeline import tiles
-from pnp_sci.pipeline.noise_of_still import fewer
+from pnp_sci.pipeline.noise_of_still import gain
 from pnp_sci.sensing.scene_model import SceneModel
 
 SIDE = 96
@@ -135,11 +135,11 @@ def test_pictures_with_few_pixels_have_no_evidence():
 def test_chance_does_not_count():
     random = np.random.default_rng(0)
     some, others = random.chisquare(6, (2, 1000))
-    assert not fewer(some, others, 3)
-    assert fewer(0.5 * some, others, 3)
-    assert not fewer(others, 0.5 * some, 1)
-    assert not fewer(np.zeros(100), np.zeros(100), 1)
-    assert not fewer(0.5 * some[:15], others[:15], 1)
+    assert abs(gain(some, others)) < 3
+    assert gain(0.5 * some, others) > 3
+    assert gain(others, 0.5 * some) < -3
+    assert gain(np.zeros(100), np.zeros(100)) == 0
+    assert gain(0.5 * some[:15], others[:15]) == 0
     large = random.chisquare(6, 1000)
     large[0] = 1e9  # one block alone
-    assert not fewer(some, large, 3)
+    assert gain(some, large) < 3
