@@ -12,7 +12,7 @@ import numpy as np
 
 from pnp_sci._tuned import Tuned
 from pnp_sci.plugins.protocols import Prior
-from pnp_sci.scene.dark_views import lit_views
+from pnp_sci.scene.dark_views import lit_views, view_levels
 from pnp_sci.scene.evidence import TUNED as TILES
 from pnp_sci.scene.evidence import always, at_most, beyond, beyond_chance, contested_tile, evidence
 from pnp_sci.scene.movers import shows_more
@@ -26,6 +26,7 @@ IsFine = Callable[[np.ndarray, np.ndarray], bool]
 
 HELD_BACK = 0.1  # part of the pixels of y that is predicted
 CHANCE = 3.0  # standard errors: evidence against the simple model up to that may be chance
+DIM = 0.4  # level of a view, in units of the brightest one's, below which others hide its motion
 NO_WORSE = 1.0  # ratio of errors up to which a model without a view, or with one still view, is taken
 
 
@@ -71,7 +72,8 @@ def judge(
         sparse masks, many frames or small pictures, TV does not tell a still scene from a moving one, but flow does.
     each_view : bool
         Whether single views that stand still beside moving ones are looked for, with the careful prior. All models
-        share the errors of the moving view: one frame must predict better by 1.645 standard errors.
+        share the errors of the moving view: one frame must predict better by 1.645 standard errors. Views that are less
+        than 0.4 as bright as the brightest one are not asked: the errors of that hide whether they move.
     until : float
         A moment of ``time.perf_counter``: a model that has not shown by then that it is better is not taken.
     """
@@ -101,7 +103,8 @@ def judge(
     if predicts_better(still, chosen, careful, by_tv | by_flow, TUNED.doubt):
         return still
     beside = dict.fromkeys((early, half), partial(at_most, NO_WORSE)) | {later: beyond_chance}
-    for view in np.flatnonzero(chosen.views) if each_view else ():
+    levels = view_levels(op, problem.y)
+    for view in np.flatnonzero(np.array(chosen.views) & (levels >= DIM * levels.max())) if each_view else ():
         stills = tuple(s or v == view for v, s in enumerate(chosen.still))  # type: ignore[arg-type]
         names = " and ".join(str(v + 1) for v, s in enumerate(stills) if s)
         model = SceneModel(chosen.views, stills, f"{so_far}one frame explains what y shows of view {names}")

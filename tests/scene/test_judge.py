@@ -190,6 +190,14 @@ def test_a_still_view_beside_a_moving_one_is_found_by_strong_priors(scene, still
         assert isinstance(solve(y, scene.masks, "tv", iterations=1).scene["still"], bool), "tv looks for none"
 
 
+@pytest.mark.parametrize(("brightness", "seed"), [((1, 0.1), 0), ((1, 0.1), 1), ((0.1, 1), 2)])
+def test_dim_views_are_not_frozen_beside_bright_ones(scene, brightness, seed):
+    """As the errors of the bright view hide whether they move."""
+    truth = scene.truth * np.array(brightness, np.float32)[:, None, None, None]
+    masks = pnp_sci.random_masks(truth.shape, seed=seed)
+    assert solve(pnp_sci.simulate(truth, masks), masks, "flow", iterations=1).scene["still"] is False
+
+
 @pytest.mark.parametrize("prior", ["tv", "flow"])
 @pytest.mark.parametrize("brightness", [(1, 0.5), (1, 0.1), (0.1, 1), (1, 0.05)])
 def test_dim_views_that_move_are_neither_frozen_nor_left_out(scene, prior, brightness):
