@@ -19,6 +19,7 @@ CENTRED = 0.1  # of the pixels: of masks about 0, more have a negative sum
 SIGNED = {"uint8": 2**7, "uint16": 2**15}  # values from which on unsigned data are negative if they are read as signed
 REACHED = 0.97  # of the largest signed value: unsigned data above it reach that
 WRAPPED = 0.9  # of the largest unsigned value: what has wrapped below 0 is above that
+OFTEN = 0.01  # of the pixels: hot ones are fewer
 
 
 def unlike(y, weight, hot, dead, good) -> list[Finding]:
@@ -86,7 +87,12 @@ def sign(y: np.ndarray, light: np.ndarray) -> list[Finding]:
             return [Finding("sign", text, f"{name} data seem to be read as int{name[4:]}; read them as {name}")]
     for name, end in SIGNED.items():
         high = y[y >= end]
-        if top == 2 * end - 1 and high.size >= FEWEST and high.min() > 2 * WRAPPED * end and np.unique(high).size > 2:
+        if (
+            top == 2 * end - 1
+            and high.size > OFTEN * y.size
+            and high.min() > 2 * WRAPPED * end
+            and np.unique(high).size > 2
+        ):
             text = f"{high.size} pixels have values from {high.min():.7g} to {top:.7g}, and none from {end} to these"
             hint = f"a difference of {name} numbers seems to have wrapped below 0: subtract after y.astype(float)"
             return [Finding("sign", text, hint)]

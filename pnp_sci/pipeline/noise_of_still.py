@@ -22,6 +22,7 @@ from pnp_sci.sensing.scene_model import SceneModel
 from pnp_sci.solvers.iterate import iterate
 from pnp_sci.solvers.plan import make_plan
 
+HALVINGS = 6  # at most
 SIDE = 256  # pixels: the brightest part of larger pictures stands for them
 SEED = 1  # of the pixels that are held back: not those of `uncertainty`, which a second solve does not have
 
@@ -58,11 +59,12 @@ def noise_of_still(problems: Sequence[Problem], scene: SceneModel, request: Requ
     if hidden is None:
         return problems
     seen = without_pixels(part, hidden)
+    start = level(seen.op, seen.y)
 
     def errors(prior: Prior, noise: float) -> np.ndarray:
         """Sums of squared errors of the prediction, in blocks; TimeoutError after `until`."""
         iterations = make_plan(seen.op, noise, prior, effort="fast").iterations
-        for state in iterate(seen.op, seen.y, prior, level(seen.op, seen.y), noise=noise):
+        for state in iterate(seen.op, seen.y, prior, start, noise=noise, saturated=seen.saturated):
             if state.iteration == iterations:
                 break
             if time.perf_counter() > until:
@@ -72,7 +74,9 @@ def noise_of_still(problems: Sequence[Problem], scene: SceneModel, request: Requ
     by_tv, by_prior = (cache(partial(errors, prior)) for prior in (tv(still=False), request.prior))
     noise = float(middle.noise)
     try:
-        while gain(by_tv(noise / 2), by_tv(noise)) > CHANCE and gain(by_prior(noise / 2), by_prior(noise)) > 0:
+        for _ in range(HALVINGS):
+            if gain(by_tv(noise / 2), by_tv(noise)) <= CHANCE or gain(by_prior(noise / 2), by_prior(noise)) <= 0:
+                break
             noise /= 2
     except TimeoutError:
         pass

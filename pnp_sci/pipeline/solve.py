@@ -17,6 +17,7 @@ from pnp_sci.errors import InputError
 from pnp_sci.masks import views_are_separable
 from pnp_sci.pipeline.input import Input
 from pnp_sci.pipeline.measurement import Outcome, judged_until, package_settings, untouched
+from pnp_sci.pipeline.noise_of_still import noise_of_still
 from pnp_sci.pipeline.progress import Watch, watching
 from pnp_sci.pipeline.provenance import provenance
 from pnp_sci.pipeline.reference import Reference
@@ -95,6 +96,8 @@ def _posed(
     strong = request.prior.traits(given.op.shape).strong
     until = judged_until(None if request.time_budget is None else began + request.time_budget)
     scene = scene_of_all(request.scene, all_problems, careful=strong, each_view=strong, until=until)
+    judged = noise_of_still(all_problems, scene, request, until)
+    all_problems = [replace(problem, estimated=False) for problem in judged]  # one noise for all windows
     for window in windows(count, request.sequence):
         yield replace(request, scene=scene), window, all_problems[window.seen.start : window.seen.stop]
 
@@ -117,7 +120,9 @@ def predict_errors(
     second: np.ndarray | None = None
     if outcome.status.ok and outcome.model is not None and all(pixels is not None for pixels in hidden.values()):
         second = np.empty_like(videos)
-        others = [without_pixels(problem, hidden[n]) for n, problem in zip(window.seen, problems)]  # type: ignore[arg-type]
+        told = outcome.problems[0].noise
+        same_noise = [replace(p, noise=told, estimated=False) if p.estimated else p for p in problems]
+        others = [without_pixels(problem, hidden[n]) for n, problem in zip(window.seen, same_noise)]  # type: ignore[arg-type]
         reconstruct_in_tiles(others, same, second, window=window, deadline=deadline, watch=Watch(None))
     for k, (n, problem) in enumerate(zip(window.kept, outcome.problems)):
         found = None

@@ -108,7 +108,8 @@ def reconstruct_in_tiles(
         return reconstruct(problems, request, out, window=window, deadline=deadline, watch=watch, truth=truth)
     strong = request.prior.traits(shape).strong
     scene = choose_scene(request.scene, problems[0], strong, strong, judged_until(deadline))
-    problems = noise_of_still(problems, scene, request, judged_until(deadline))
+    if request.mosaic is None:
+        problems = noise_of_still(problems, scene, request, judged_until(deadline))
     outcomes = []
     for left, tile in zip(range(len(parts), 0, -1), parts):
         own = replace(request.cropped(tile.seen), scene=scene)

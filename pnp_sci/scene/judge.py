@@ -26,7 +26,7 @@ IsFine = Callable[[np.ndarray, np.ndarray], bool]
 
 HELD_BACK = 0.1  # part of the pixels of y that is predicted
 CHANCE = 3.0  # standard errors: evidence against the simple model up to that may be chance
-DIM = 0.4  # level of a view, in units of the brightest one's, below which others hide its motion
+DIM = 0.4  # level of a view, in units of the brightest one's, below which errors of others hide its motion
 NO_WORSE = 1.0  # ratio of errors up to which a model without a view, or with one still view, is taken
 
 
@@ -73,7 +73,7 @@ def judge(
     each_view : bool
         Whether single views that stand still beside moving ones are looked for, with the careful prior. All models
         share the errors of the moving view: one frame must predict better by 1.645 standard errors. Views that are less
-        than 0.4 as bright as the brightest one are not asked: the errors of that hide whether they move.
+        than 0.4 as bright as the brightest one are not tried: errors of that one hide whether they move.
     until : float
         A moment of ``time.perf_counter``: a model that has not shown by then that it is better is not taken.
     """

@@ -200,7 +200,9 @@ def test_differences_of_unsigned_numbers_that_have_wrapped_are_noticed(scene, ra
     assert not any("wrapped" in warning for warning in check_fit(counts.astype(float) - gone, scene.masks).warnings)
 
 
-@pytest.mark.parametrize("hot", [65535, np.linspace(40000, 65535, 60), np.r_[65535, [65400] * 59]])
+@pytest.mark.parametrize(
+    "hot", [65535, np.linspace(40000, 65535, 60), np.linspace(60000, 65535, 60), np.r_[65535, [65400] * 59]]
+)
 def test_hot_pixels_and_saturation_of_16_bits_have_not_wrapped(scene, raw, hot):
     y = raw.copy()
     y.flat[np.random.default_rng(1).permutation(y.size)[:60]] = hot

@@ -69,7 +69,7 @@ def test_what_is_given_stays(textured, options, monkeypatch):
     pnp_sci.solve(measured(textured, 0.0), masks, **{"scene": STILL, "iterations": 3} | options)
 
 
-@pytest.mark.parametrize("options", [{"algorithm": "admm"}, {"backend": "torch"}, {"sigma": 0.02}])
+@pytest.mark.parametrize("options", [{"algorithm": "admm"}, {"sigma": 0.02}, {"iterations": 2}])
 def test_whatever_solves_is_told_the_same(textured, options):
     masks, _, _ = textured
     y = measured(textured, 0.0)
@@ -92,8 +92,12 @@ def test_tiles_and_sequences_are_told_one_noise(textured, monkeypatch):
     assert whole.settings["noise"][0] < 0.5 * estimate(masks, y)
     together = pnp_sci.solve(np.stack([y] * 3), masks, scene=STILL, sequence=True).settings
     assert together["noise"] == pytest.approx(whole.settings["noise"] * 3, rel=1e-5)
+    others = np.stack([y, measured(textured, 0.02), y, y, y])  # the one in the middle stands for all windows
+    windows = pnp_sci.solve(others, masks, scene=STILL, sequence=3).settings
+    assert len(set(windows["noise"])) == 1
     large, tall = np.tile(y, (3, 1)), np.tile(masks, (1, 1, 3, 1))
     one = pnp_sci.solve(large, tall, scene=STILL)
+    assert one.settings["noise"][0] < 0.5 * estimate(tall, large)
     monkeypatch.setattr(tiles, "MOST", 12 * 160**2)
     parts = pnp_sci.solve(large, tall, scene=STILL)
     assert parts.settings["noise"] == one.settings["noise"]
@@ -125,11 +129,35 @@ def test_without_time_the_estimate_stays(textured, monkeypatch):
     assert settings["noise"][0] == pytest.approx(estimate(masks, y), rel=1e-5)
 
 
-def test_pictures_with_few_pixels_have_no_evidence():
-    masks = pnp_sci.random_masks((1, 4, 24, 24), seed=0)
-    y = pnp_sci.simulate(np.random.default_rng(0).random((1, 1, 24, 24)).repeat(4, 1), masks)
-    settings = pnp_sci.solve(y, masks, scene=SceneModel((True,), True)).settings
+def test_pictures_with_few_pixels_have_no_evidence(textured):
+    masks, _, _ = textured
+    y, masks = (a[..., :32, :32].copy() for a in (measured(textured, 0.0), masks))
+    assert estimate(masks, y) > 0
+    settings = pnp_sci.solve(y, masks, scene=STILL).settings
     assert settings["noise"][0] == pytest.approx(estimate(masks, y), rel=1e-4)
+
+
+@pytest.mark.parametrize("frames", [1, 6])
+def test_saturated_and_bad_pixels_say_nothing(textured, frames):
+    masks, truth, _ = textured
+    masks, truth = masks[:, :frames].astype("f8"), truth[:, :frames].astype("f8")
+    masks[:, 0] = np.random.default_rng(4).uniform(0.1, 1, masks[:, 0].shape)
+    y = pnp_sci.simulate(truth, masks)
+    scene = STILL if frames > 1 else "full"
+    usual = pnp_sci.solve(y, masks, scene=scene).settings["noise"][0]
+    bad = np.random.default_rng(1).random(y.shape) < 0.05
+    top = float(np.quantile(y, 0.97))
+    wild = np.where(bad, 1e3, np.minimum(y, top))
+    used = pnp_sci.solve(wild, masks, scene=scene, noise=pnp_sci.Sensor(full_scale=top), bad=bad).settings["noise"][0]
+    assert usual < 0.3 * estimate(masks, y)
+    assert used < 0.3 * estimate(masks, y)
+
+
+def test_halvings_are_few(textured, monkeypatch):
+    masks, _, _ = textured
+    monkeypatch.setattr(module, "gain", lambda *_: np.inf)
+    y = measured(textured, 0.0)
+    assert pnp_sci.solve(y, masks, scene=STILL).settings["noise"][0] == pytest.approx(estimate(masks, y) / 64)
 
 
 def test_chance_does_not_count():
