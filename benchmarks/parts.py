@@ -23,7 +23,7 @@ import numpy as np
 
 import pnp_sci
 from pnp_sci.pipeline import measurement
-from pnp_sci.pipeline.noise_left import NoiseLeft
+from pnp_sci.pipeline.unseen import Unseen
 from pnp_sci.solvers import iterate
 from pnp_sci.solvers.averaging import RunningMean
 from pnp_sci.training.clips import load_clips, split
@@ -103,7 +103,7 @@ def with_true_motion(truth):
 
 
 def without_lower_noise(_):
-    return mock.patch.object(NoiseLeft, "__call__", lambda _, schedule, state: schedule)
+    return mock.patch.object(Unseen, "__call__", lambda _, schedule, state: schedule)
 
 
 # part: what leaves it out (or puts the truth in), prior, and noises of max(y)

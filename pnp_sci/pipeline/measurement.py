@@ -11,13 +11,13 @@ import numpy as np
 
 from pnp_sci.accel.arrays import like
 from pnp_sci.pipeline.blend import blended
-from pnp_sci.pipeline.noise_left import NoiseLeft
 from pnp_sci.pipeline.noise_of_still import noise_of_still
 from pnp_sci.pipeline.progress import Watch
 from pnp_sci.pipeline.reference import Reference
 from pnp_sci.pipeline.request import Request
 from pnp_sci.pipeline.sequence import Window, together
 from pnp_sci.pipeline.start import Start, first_estimate, may_decode
+from pnp_sci.pipeline.unseen import Unseen
 from pnp_sci.plugins.combine import InTurn
 from pnp_sci.results.history import Record, Status
 from pnp_sci.scene.choose import choose_scene
@@ -104,6 +104,7 @@ def reconstruct(
     )  # fmt: skip
     backend = request.backend
     plan = in_time(plan, reduced, joint.y, backend)
+    told = Unseen(joint, reduced, plan, traits.strong and request.sigma is None, backend)
     watch.expect(plan.iterations)
 
     def kept(x: np.ndarray) -> list[np.ndarray]:
@@ -120,11 +121,10 @@ def reconstruct(
         phi, y, x, saturated = backend.operator(reduced), *map(backend.put, (joint.y, x, joint.saturated))
         schedule = replace(plan.schedule, product=backend.put(plan.schedule.product))
         finish = _Finish(joint, phi, y, session, x if decoded else None)
-        told = NoiseLeft(joint, reduced, decoded and traits.strong and request.sigma is None, backend)
         iterates = states(phi, y, session, x, ALGORITHMS[plan.algorithm], schedule, saturated, told)
         del x
         state, status, records = run(
-            iterates, y, plan, watch,
+            iterates, y, told.during(plan), watch,
             noise=joint.typical_noise, most=held(reduced, joint.y), score=score, saturated=saturated, finish=finish,
         )  # fmt: skip
         remember(plan, reduced.shape, [record.seconds for record in records], finish.seconds, backend)

@@ -80,7 +80,7 @@ def noise_of_still(problems: Sequence[Problem], scene: SceneModel, request: Requ
             noise /= 2
     except TimeoutError:
         pass
-    return [replace(problem, noise=noise) for problem in problems]
+    return [replace(problem, noise=noise, estimated=False) for problem in problems]
 
 
 def gain(some: np.ndarray, others: np.ndarray) -> float:

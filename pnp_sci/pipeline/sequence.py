@@ -89,7 +89,8 @@ def together(problems: Sequence[Problem]) -> Problem:
         noise = noises[0]
     op = SequenceOperator([problem.op for problem in problems])
     y = np.stack([problem.y for problem in problems])
-    return Problem(op, y, problems[0].unit, noise, stacked("saturated"), stacked("bad"))
+    estimated = all(problem.estimated for problem in problems)
+    return Problem(op, y, problems[0].unit, noise, stacked("saturated"), stacked("bad"), estimated=estimated)
 
 
 def alike(problems: Sequence[Problem], same_noise: bool) -> list[Problem]:

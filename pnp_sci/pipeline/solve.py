@@ -96,8 +96,7 @@ def _posed(
     strong = request.prior.traits(given.op.shape).strong
     until = judged_until(None if request.time_budget is None else began + request.time_budget)
     scene = scene_of_all(request.scene, all_problems, careful=strong, each_view=strong, until=until)
-    judged = noise_of_still(all_problems, scene, request, until)
-    all_problems = [replace(problem, estimated=False) for problem in judged]  # one noise for all windows
+    all_problems = list(noise_of_still(all_problems, scene, request, until))
     for window in windows(count, request.sequence):
         yield replace(request, scene=scene), window, all_problems[window.seen.start : window.seen.stop]
 

@@ -113,8 +113,7 @@ def reconstruct_in_tiles(
     outcomes = []
     for left, tile in zip(range(len(parts), 0, -1), parts):
         own = replace(request.cropped(tile.seen), scene=scene)
-        # all tiles have the same noise: none changes it
-        cropped = [replace(problem.crop(tile.seen), estimated=False) for problem in problems]
+        cropped = [problem.crop(tile.seen) for problem in problems]
         video = np.empty((*out.shape[:3], *cropped[0].op.shape[2:]), out.dtype)
         now = time.perf_counter()
         end = None if deadline is None else now + (deadline - now) / left
@@ -137,7 +136,7 @@ def _of_tiles(
 ) -> Outcome:
     """What has become of measurements whose tiles have these outcomes and `sizes`; PSNR is of the last iteration only.
 
-    Parts that stand still and shares are means over all pixels, the plan is that of the first tile.
+    Parts that stand still, shares and estimated noise are means over all pixels, the plan is that of the first tile.
     """
     first, solved = outcomes[0], [outcome for outcome in outcomes if outcome.plan]
     norms = [float(np.linalg.norm([length(problem.y) for problem in outcome.problems])) for outcome in outcomes]
@@ -151,9 +150,15 @@ def _of_tiles(
         psnr, ssim = np.mean(scores, axis=0).tolist()
         records[-1] = replace(records[-1], psnr=psnr, ssim=ssim)
     status = Status.worst([outcome.status for outcome in outcomes])
-    return replace(
-        first, problems=list(problems), status=status, records=records, scenes=scenes, start=start, shares=shares
-    )
+    own = [_problem(problem, [o.problems[n] for o in outcomes], sizes) for n, problem in enumerate(problems)]
+    return replace(first, problems=own, status=status, records=records, scenes=scenes, start=start, shares=shares)
+
+
+def _problem(problem: Problem, tiles: Sequence[Problem], sizes: Sequence[int]) -> Problem:
+    """The problem of a measurement, with the mean of the noise that its tiles were told if that was estimated."""
+    if not problem.estimated:
+        return problem
+    return replace(problem, noise=float(np.average([tile.noise for tile in tiles], weights=sizes)))
 
 
 def _scene(tiles: Sequence[dict[str, Any]], sizes: Sequence[int], problem: Problem) -> dict[str, Any]:

@@ -1,4 +1,4 @@
-"""Estimation of the noise level from a single measurement, and from what an estimate leaves of it."""
+"""Estimation of the noise level from a single measurement, and from what a prediction leaves of it."""
 
 from __future__ import annotations
 
@@ -13,6 +13,7 @@ from pnp_sci.errors import InputTypeError
 from pnp_sci.sensing.operator import SensingOperator
 
 BLOCK = 8  # pixels per side of a block
+WIDE = 16  # of a block of which few pixels count
 FEWEST = 16  # blocks for an estimate
 
 
@@ -21,6 +22,7 @@ class NoiseNumbers(Tuned):
     """Parameters of the estimate."""
 
     quantile: float = 0.02  # quantile of the residual variances of the blocks
+    predicted: float = 0.1  # quantile of the squared errors of predictions in larger blocks
 
 
 TUNED = NoiseNumbers()
@@ -97,32 +99,36 @@ def estimate_noise(
     product = np.einsum("kpi,kp->ki", model, values)
     fit = np.linalg.solve(normal + ridge * np.eye(model.shape[-1]), product[..., None])[..., 0]
     left_over = ((values - np.einsum("kpi,ki->kp", model, fit)) ** 2).sum(1)
-    return _of_quietest(left_over[usable], freedom[usable])
+    return _of_quietest(left_over[usable], freedom[usable], TUNED.quantile)
 
 
-def noise_left(residual: np.ndarray, known: np.ndarray) -> float:
-    """Standard deviation of a residual ``y - Phi x`` (H, W) in the blocks in which it is smallest.
+def noise_of_prediction(residual: np.ndarray, unseen: np.ndarray) -> float:
+    """Standard deviation of a residual ``y - Phi x`` (..., H, W) in blocks in which it is small.
 
-    If x is a denoised estimate that was not fitted to the noise of y, this is the noise, plus what the estimate lacks
-    of texture where it lacks least. As in :func:`estimate_noise` it is a quantile of sums of squares in blocks of 8 x 8
-    pixels. Infinite if fewer than 16 blocks have half of their pixels `known`, bool like the residual.
+    Only pixels count from which x was not estimated, `unseen`, bool like the residual: there it is the noise, plus what
+    x lacks. It is the root of the 0.1 quantile of sums of squares in blocks of 16 x 16 pixels, divided by that of the
+    chi-square distribution. Infinite if fewer than 16 blocks have such pixels.
 
-    >>> residual = np.ones((64, 64))
-    >>> residual[:, :32] = 0.1 * np.random.default_rng(0).standard_normal((64, 32))
-    >>> 0.08 < noise_left(residual, np.ones((64, 64), bool)) < 0.12
+    >>> residual = np.ones((128, 128))
+    >>> residual[:, :32] = 0.1 * np.random.default_rng(0).standard_normal((128, 32))
+    >>> 0.08 < noise_of_prediction(residual, np.ones((128, 128), bool)) < 0.12
     True
     """
-    squares, count = blocks(known * residual.astype(np.float64) ** 2).sum(1), blocks(known).sum(1)
-    usable = count >= BLOCK * BLOCK / 2
-    return _of_quietest(squares[usable], count[usable]) if usable.sum() >= FEWEST else np.inf
+
+    def sums(pictures: np.ndarray) -> np.ndarray:
+        return np.concatenate([blocks(one, WIDE).sum(1) for one in pictures.reshape(-1, *pictures.shape[-2:])])
+
+    squares, count = sums(unseen * residual.astype(np.float64) ** 2), sums(unseen)
+    usable = count > 0
+    return _of_quietest(squares[usable], count[usable], TUNED.predicted) if usable.sum() >= FEWEST else np.inf
 
 
-def _of_quietest(squares: np.ndarray, freedom: np.ndarray) -> float:
+def _of_quietest(squares: np.ndarray, freedom: np.ndarray, quantile: float) -> float:
     """The standard deviation of noise of which the quietest blocks have such sums of squares, with such freedom."""
     from scipy.special import gammaincinv
 
-    quantiles_of_chi_square = 2 * gammaincinv(freedom / 2, TUNED.quantile)  # scipy.stats takes 0.5 s to import
-    return float(np.sqrt(np.quantile(squares / quantiles_of_chi_square, TUNED.quantile)))
+    quantiles_of_chi_square = 2 * gammaincinv(freedom / 2, quantile)  # scipy.stats takes 0.5 s to import
+    return float(np.sqrt(np.quantile(squares / quantiles_of_chi_square, quantile)))
 
 
 def blocks(picture: np.ndarray, size: int = BLOCK) -> np.ndarray:

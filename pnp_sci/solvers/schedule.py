@@ -7,7 +7,9 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from pnp_sci._tuned import Tuned
+from pnp_sci.accel.arrays import library
 from pnp_sci.sensing.operator import SensingOperator
+from pnp_sci.solvers.state import Array
 
 HALF_OPEN = 0.22  # spread over level of 20 binary masks of density 1/2
 USUAL = 20  # frames of all views of the dual-view benchmark
@@ -100,6 +102,8 @@ class Schedule:
         Iterations in which that fall begins and ends, counted from 0; sigma stays as it is unless begins < ends.
     quiet : float
         `sigma` for such masks without noise.
+    unseen : ndarray of bool, (H, W), or None
+        Pixels of y that do not count: their rho is infinite.
     """
 
     product: float | np.ndarray
@@ -108,6 +112,7 @@ class Schedule:
     begins: int = 0
     ends: int = 0
     quiet: float = TUNED.sigma
+    unseen: Array | None = None
 
     def enough(self, fast: int, most: int) -> int:
         """How many of `most` calls of a strong prior are of use: all without noise, those of a `fast` effort with much.
@@ -134,12 +139,13 @@ class Schedule:
         product, loud = demanded(op, noise)
         return replace(self, product=product, settled=_settled(loud))
 
-    def at(self, iteration: int) -> tuple[float, float | np.ndarray]:
+    def at(self, iteration: int) -> tuple[float, float | Array]:
         """sigma and rho of an iteration, counted from 0."""
         sigma = self.sigma
         if self.begins < min(iteration, self.ends):
             sigma *= self.settled ** min((iteration - self.begins) / (self.ends - self.begins), 1)
-        return sigma, self.product / sigma if sigma > 0 else 0.0
+        rho = self.product / sigma if sigma > 0 else 0.0
+        return sigma, rho if self.unseen is None else library(self.unseen).where(self.unseen, np.inf, rho)
 
 
 def demanded(op: SensingOperator, noise: float | np.ndarray) -> tuple[float | np.ndarray, float | np.ndarray]:
