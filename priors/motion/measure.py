@@ -135,7 +135,8 @@ def measure(
     small = np.stack([cv2.resize(f, ((width + 1) // 2, (height + 1) // 2), interpolation=cv2.INTER_AREA) for f in view])
     close = view.dtype.type(TUNED.halved * tolerance)
 
-    flow = searched(view, pairs, small.shape[1:], None if before is None else before.flow)
+    start = None if before is None else _rescaled(before.flow, (height, width), small.shape[1:])
+    flow = searched(view, pairs, start)
     distance = _chosen(small, near, neighbours, close, flow)
     trust, weights = np.empty(distance.shape, np.uint8), np.empty(distance.shape, np.uint8)
     place, beside = {pair: p for p, pair in enumerate(near)}, adjacent(near)
@@ -154,32 +155,28 @@ def measure(
     return _enlarged(Motion(pairs, first, flow, weights, still), height, width)
 
 
-def searched(view: np.ndarray, pairs: np.ndarray, half: tuple[int, ...], start: np.ndarray | None) -> np.ndarray:
-    """Flow of each pair of frames by dense inverse search, int16 (P, h, w, 2) with h, w = `half` the size of frames.
+def searched(view: np.ndarray, pairs: np.ndarray, start: np.ndarray | None) -> np.ndarray:
+    """Flow of each pair of frames by dense inverse search, from frames of half the height and width.
 
-    The search begins from the flow `start` (P, h, w, 2) of frames of full size. Both are in 1/64 pixel.
+    Result and first guess `start` are int16 (P, ceil(H / 2), ceil(W / 2), 2), in 1/64 pixel of those frames.
     """
     import cv2
 
-    pictures = [cv2.GaussianBlur(np.clip(f, 0, 1), (0, 0), TUNED.blur) for f in view.astype(np.float32)]
-    pictures = [np.round(255 * p).astype(np.uint8) for p in pictures]
-    flow = np.empty((len(pairs), *half, 2), np.int16)
+    size = (view.shape[2] + 1) // 2, (view.shape[1] + 1) // 2
+    blurred = [cv2.GaussianBlur(np.clip(f, 0, 1), (0, 0), TUNED.blur) for f in view.astype(np.float32)]
+    pictures = [np.round(255 * cv2.resize(f, size, interpolation=cv2.INTER_AREA)).astype(np.uint8) for f in blurred]
+    flow = np.empty((len(pairs), *size[::-1], 2), np.int16)
 
     def search(b: int) -> None:
         dis = cv2.DISOpticalFlow.create(cv2.DISOPTICAL_FLOW_PRESET_MEDIUM)
-        scale, side = dis.getFinestScale(), dis.getPatchSize()
+        dis.setFinestScale(0)
+        dis.setPatchStride(TUNED.stride)
         dis.setGradientDescentIterations(TUNED.steps)
         dis.setVariationalRefinementIterations(TUNED.smoothings)
         for p in np.flatnonzero(pairs[:, 0] == b):
-            dis.setFinestScale(scale)  # OpenCV changes these three for small pictures
-            dis.setPatchSize(side)
-            dis.setPatchStride(TUNED.stride)
-            begin = None
-            if start is not None:
-                begin = cv2.resize(start[p] / np.float32(averages.FRACTION), view.shape[:0:-1])
+            begin = None if start is None else start[p] / np.float32(averages.FRACTION)
             found = dis.calc(pictures[b], pictures[pairs[p, 1]], begin)  # type: ignore[call-overload, arg-type]
-            found = cv2.resize(found, half[::-1], interpolation=cv2.INTER_AREA)
-            flow[p] = _rescaled(averages.FRACTION * found, view.shape[1:], half)
+            flow[p] = np.clip(np.rint(averages.FRACTION * found), -matches.LIMIT, matches.LIMIT)
 
     _for_each(len(view), search)
     return flow

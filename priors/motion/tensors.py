@@ -110,7 +110,7 @@ def measured(
     small = F.interpolate(x, half, mode="area")
     close = TUNED.halved * tolerance
     begin = before.flow if isinstance(before, OfTensors) else None
-    flow = _searched(x, pairs, half, begin)
+    flow = _searched(x, pairs, begin)
     flow, distance = _chosen(small, pairs, close, flow)
     trust = _trust(flow, pairs, drift / 2)
     pilot = averaged(small, flow, trust * _fading(distance, close, pairs), pairs)
@@ -120,18 +120,12 @@ def measured(
     return OfTensors(pairs, flow, weights, still)
 
 
-def _searched(x: torch.Tensor, pairs: Pairs, half: tuple[int, int], begin: torch.Tensor | None) -> torch.Tensor:
-    """Flow (V, P, 2, h, w), h and w = `half`, of each pair of frames of x (V, B, H, W), by OpenCV on the CPU."""
+def _searched(x: torch.Tensor, pairs: Pairs, begin: torch.Tensor | None) -> torch.Tensor:
+    """Flow (V, P, 2, h, w) of each pair of frames of x (V, B, H, W) at half size, by OpenCV on the CPU."""
     given = np.array(pairs.pairs, np.int64)
-    starts = [None] * len(x) if begin is None else in_units(begin, x.shape[2:]).float().numpy(force=True)
-    found = np.stack([searched(view, given, half, start) for view, start in zip(x.numpy(force=True), starts)])
+    starts = [None] * len(x) if begin is None else (FRACTION * begin).movedim(2, -1).float().numpy(force=True)
+    found = np.stack([searched(view, given, start) for view, start in zip(x.numpy(force=True), starts)])
     return torch.from_numpy(found).to(x).movedim(-1, 2) / FRACTION
-
-
-def in_units(flow: torch.Tensor, size: tuple[int, ...]) -> torch.Tensor:
-    """A flow (V, P, 2, h, w) for frames of another size, (V, P, h, w, 2), in 1/64 pixel."""
-    scale = torch.tensor([size[1] / flow.shape[4], size[0] / flow.shape[3]], dtype=flow.dtype, device=flow.device)
-    return flow.movedim(2, -1) * (scale * FRACTION)
 
 
 def _differing(x: torch.Tensor, flow: torch.Tensor, pairs: Pairs) -> torch.Tensor:
