@@ -75,12 +75,12 @@ def tensors(
 ) -> tuple[torch.Tensor, torch.Tensor]:
     """Measurement (1, H, W) and masks (1, V, B, H, W), or some rows of them, in the units of the training clips.
 
-    V and B are those of the network.
+    V and B are those of the network. The largest mask value of each view is 1.
     """
-    largest = float(problem.op.masks.max()) or 1.0
-    coded = problem.op.masks[:, :, rows].astype(np.float32) / np.float32(largest)
+    largest = _largest(problem)
+    coded = problem.op.masks[:, :, rows].astype(np.float32) / largest
     masks = torch.from_numpy(placed(coded, network.config.views, network.config.frames))[None]
-    y = torch.from_numpy((problem.y[rows] * (TUNED.brightness / largest)).astype(np.float32))[None]
+    y = torch.from_numpy((problem.y[rows] * (TUNED.brightness / largest.max())).astype(np.float32))[None]
     return y.to(device), masks.to(device)
 
 
@@ -88,7 +88,14 @@ def in_units_of(problem: Problem, video: torch.Tensor) -> np.ndarray:
     """A network's video (1, V, B, H, W) as an array (V, B, H, W) in the problem's units, with its frames only."""
     views, frames = problem.op.shape[:2]
     own = taken(video[0].float().cpu().numpy(), (views, frames))
-    return (own / np.float32(TUNED.brightness)).astype(problem.op.dtype)
+    largest = _largest(problem)
+    return (own * (largest.max() / (TUNED.brightness * largest))).astype(problem.op.dtype)
+
+
+def _largest(problem: Problem) -> np.ndarray:
+    """The largest mask value of each view, (V, 1, 1, 1); 1 for a view that no mask opens to."""
+    largest = problem.op.masks.max((1, 2, 3), keepdims=True).astype(np.float32)
+    return np.where(largest > 0, largest, np.float32(1))
 
 
 def projected(problem: Problem, video: np.ndarray) -> np.ndarray:
