@@ -278,7 +278,6 @@ def test_what_cannot_be_told_is_said(scene):
     dark = check_fit(np.zeros((128, 128)), scene.masks)
     assert [finding.kind for finding in dark.findings] == ["empty"]
     assert dark.unknown == "y is 0 everywhere"
-    assert check_fit(np.zeros((128, 128)), np.zeros_like(scene.masks)).ok, "closed masks let no light in"
     bad = np.zeros((128, 128), bool)
     bad[3, 4] = True
     assert "not bad" in check_fit(np.where(bad, 1.0, 0.0), scene.masks, bad=bad).findings[0].text
@@ -290,6 +289,9 @@ def test_missing_planes_and_measurements_are_noticed(scene):
     fit = check_fit(scene.y, masks)
     assert fit.findings[0].kind == "missing"
     assert "view 1, frames 6, 7, 8, 9, 10" in fit.warnings[0]
+    for y in (scene.y, 0 * scene.y):
+        closed = check_fit(y, 0 * scene.masks)
+        assert closed.warnings == ("masks are all 0: parts of their file may be missing",)
     fits = check_fit(np.stack([scene.y, 0 * scene.y]), scene.masks)
     assert [[finding.kind for finding in fit.findings] for fit in fits] == [[], ["empty"]]
 
