@@ -116,7 +116,8 @@ def read_video(path: str | Path, views: int | None = None, key: str | None = Non
         Name of the array. By default ``patch_save``, ``orig``, ``pic``, ``x``, ``video`` or ``truth``, or the only
         array of the file.
     colour : bool
-        Whether it is in colour, with another axis of 3 at the end; in MAT-files (H, W, 3, B, V).
+        Whether it is in colour, with another axis of 3 at the end; in MAT-files (H, W, 3, B, V). In a TIFF that
+        :meth:`pnp_sci.Result.export` has written, each view has three channels.
 
     Raises
     ------

@@ -6,6 +6,7 @@ import numpy as np
 
 from pnp_sci.camera.explained import BLOCK
 from pnp_sci.camera.local_model import LocalFit, LocalModel
+from pnp_sci.camera.straight_line import least_squares, straight_line
 from pnp_sci.sensing.noise import blocks
 
 FLOOR = 0.01  # of the median variance of the blocks: none counts as exact
@@ -25,11 +26,11 @@ def black_level(model: LocalModel, fit: LocalFit) -> tuple[float, float]:
     mean, light, weight = _blocks(model.measurements, fit)
     if mean.size < 3:
         return 0.0, float("inf")
-    (start, slope), errors = _least_squares(np.stack([np.ones_like(mean), mean], -1), light, weight)
+    (start, slope), errors = straight_line(mean, light, weight)
     if abs(slope - 1) > CHANCE * float(np.sqrt(errors[1, 1])) and slope > 0:
         along = np.array([-1 / slope, start / slope**2])  # of -start / slope
         return -start / slope, float(np.sqrt(along @ errors @ along))
-    level, error = _least_squares(np.ones((mean.size, 1)), mean - light, weight)
+    level, error = least_squares(np.ones((mean.size, 1)), mean - light, weight)
     return float(level[0]), float(np.sqrt(error[0, 0]))
 
 
@@ -39,21 +40,8 @@ def light_against_mean(model: LocalModel, fit: LocalFit) -> tuple[float, float]:
     The slope is 1 if the masks have the right contrast, below 1 if they have too much.
     """
     mean, light, weight = _blocks(model.measurements, fit)
-    start, slope = _least_squares(np.stack([np.ones_like(mean), mean], -1), light, weight)[0]
+    start, slope = straight_line(mean, light, weight)[0]
     return float(start), float(slope)
-
-
-def _least_squares(design: np.ndarray, y: np.ndarray, weight: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Coefficients of a weighted least-squares fit and their covariance, robust against wrong weights and few blocks.
-
-    The covariance is HC3 of MacKinnon & White (1985): each residual is divided by one less its leverage.
-    """
-    inverse = np.linalg.pinv(design.T @ (design * weight[:, None]))
-    coefficients = inverse @ (design.T @ (weight * y))
-    leverage = weight * np.einsum("ki,ij,kj->k", design, inverse, design)
-    residual = (y - design @ coefficients) / np.maximum(1 - leverage, np.finfo(float).eps)
-    scores = design * (weight * residual)[:, None]
-    return coefficients, inverse @ (scores.T @ scores) @ inverse
 
 
 def _blocks(measurements: np.ndarray, fit: LocalFit) -> tuple[np.ndarray, np.ndarray, np.ndarray]:

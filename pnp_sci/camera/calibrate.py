@@ -8,6 +8,7 @@ import numpy as np
 
 from pnp_sci._validate import positive_number, real_array, require_finite, whole
 from pnp_sci.camera.calibration import Calibration, cut
+from pnp_sci.camera.clipped import Clipped, clipped
 from pnp_sci.camera.quality import lamp_gains, measure_quality
 from pnp_sci.errors import InputError
 
@@ -41,7 +42,8 @@ def calibrate(
     crop : tuple, optional
         (top, left, rows, columns) of the part that is kept.
     full_scale : float, optional
-        The camera's largest value: pixels that reach it are bad.
+        The camera's largest value: pixels that reach it are bad. Without it, a pile of values at the largest one is
+        only said in the report.
 
     Returns
     -------
@@ -74,9 +76,10 @@ def calibrate(
     darks = _repeated("dark", np.zeros((1, *size)) if dark is None else dark, crop, size)
     black = average(darks)
     light = np.stack([[average(p) - black for p in view] for view in pictures])  # (V, B, H, W)
-    response = _response(white, black, crop, size, views)
+    whites = None if white is None else _whites(white, crop, size, views)
+    response = None if whites is None else _response(whites, black, views)
     grain = 0.5 if darks.dtype.kind in "iu" else 0.0  # of rounding to grey levels
-    bad = _far(black, grain) | _far(darks.std(0), grain) | _saturated(pictures, white, crop, full_scale)
+    bad = _far(black, grain) | _far(darks.std(0), grain) | _saturated(pictures, whites, full_scale)
     shading = light.max(1) if response is None else response  # what each pixel sees of an open element
     bad |= np.all([picture < DEAD * _median(picture) for picture in shading], axis=0)
     if np.median(shading) <= 0:
@@ -86,7 +89,8 @@ def calibrate(
     gains = np.ones((views, frames)) if response is None else lamp_gains(light, response, bad)
     one = float(np.median(shading[:, ~bad]))
     masks = (light / (one * gains[..., None, None])).astype(np.float32)
-    quality = measure_quality(masks, shading / one, pictures, black, bad, gains)
+    piles = _piles(pictures, whites, darks[0], ~bad, full_scale)
+    quality = measure_quality(masks, shading / one, pictures, black, bad, gains, piles)
     return Calibration(masks, black.astype(np.float32), bad, crop, quality, size)
 
 
@@ -98,17 +102,18 @@ def average(pictures: np.ndarray) -> np.ndarray:
     return (total - pictures.min(0) - pictures.max(0)) / (len(pictures) - 2)
 
 
-def _response(
-    white: Any, black: np.ndarray, crop: tuple[int, ...], size: tuple[int, int], views: int
-) -> np.ndarray | None:
-    """What each pixel shows of the lamp, (V, H, W)."""
-    if white is None:
-        return None
+def _whites(white: Any, crop: tuple[int, ...], size: tuple[int, int], views: int) -> np.ndarray:
+    """The pictures of the lamp, (1 or V, N, H, W)."""
     array = _finite("white", white, (2, 3, 4))
     if array.ndim == 4 and len(array) != views:
         raise InputError(f"white has pictures of {len(array)} views, but patterns of {views}: the same was expected")
     each = array if array.ndim == 4 else array.reshape(1, -1, *array.shape[-2:])
-    response = np.stack([average(cut("white", one, crop, size)) for one in each]) - black
+    return cut("white", each, crop, size)
+
+
+def _response(whites: np.ndarray, black: np.ndarray, views: int) -> np.ndarray:
+    """What each pixel shows of the lamp, (V, H, W)."""
+    response = np.stack([average(one) for one in whites]) - black
     if np.median(response) <= 0:
         raise InputError(f"white is not brighter than dark: {np.median(response):.3g} in the median, > 0 was expected")
     return np.broadcast_to(response, (views, *response.shape[1:]))
@@ -127,16 +132,22 @@ def _median(picture: np.ndarray) -> np.ndarray:
     return median_filter(picture, AROUND, mode="nearest")
 
 
-def _saturated(patterns: np.ndarray, white: Any, crop: tuple[int, ...], full_scale: float | None) -> np.ndarray:
+def _saturated(patterns: np.ndarray, whites: np.ndarray | None, full_scale: float | None) -> np.ndarray:
     """Pixels of which most repeats are at full scale in any picture."""
     if full_scale is None:
         return np.zeros(patterns.shape[-2:], bool)
     reached = np.any(np.median(patterns, 2) >= full_scale, axis=(0, 1))
-    if white is not None:
-        pictures = cut("white", real_array("white", white), crop, None)
-        pictures = pictures if pictures.ndim == 4 else pictures.reshape(1, -1, *reached.shape)
-        reached = reached | np.any(np.median(pictures, 1) >= full_scale, axis=0)
-    return reached
+    return reached if whites is None else reached | np.any(np.median(whites, 1) >= full_scale, axis=0)
+
+
+def _piles(
+    patterns: np.ndarray, whites: np.ndarray | None, dark: np.ndarray, good: np.ndarray, full_scale: float | None
+) -> tuple[Clipped, ...]:
+    """The pictures that are clipped below full scale."""
+    top = np.inf if full_scale is None else full_scale
+    taken = {"patterns": patterns} if whites is None else {"white": whites, "patterns": patterns}
+    found = (clipped(name, pictures, dark, good, top) for name, pictures in taken.items())
+    return tuple(pile for pile in found if pile is not None)
 
 
 def _repeated(name: str, value: Any, crop: tuple[int, ...], size: tuple[int, int]) -> np.ndarray:

@@ -141,7 +141,7 @@ class Code:
         """How y (H, W) matches the code, which must be present."""
         mean = self.mean(y)
         detail = (y - mean) * self.used
-        products = self.in_blocks(self.detail * detail)[:, self.blocks]  # (V, K)
+        products = self.products(detail)
         levels = self.inverse @ products.sum(1)
         predicted = np.einsum("v,vhw->hw", levels.astype(np.float32), self.detail)
         left_over = detail - predicted
@@ -161,18 +161,26 @@ class Code:
             self._lag(detail, predicted, explained),
         )
 
+    def products(self, detail: np.ndarray) -> np.ndarray:
+        """Products of the fine detail of y (H, W) with each view's, summed over each block that is used, (V, K)."""
+        return self.in_blocks(self.detail * detail)[:, self.blocks]
+
+    def coded(self, products: np.ndarray) -> np.ndarray:
+        """The light (K,) of each block that follows the code, from products (V, K).
+
+        The filter ``w = sum over v of mean(S_v) (A^-1 s)_v``, with A the products of the details s, passes what follows
+        the sums S, so that ``n sum(w y)`` is the sum of y unless y holds what the masks do not explain.
+        """
+        return np.einsum("vhw,hw->v", self.sums, self.used).astype(np.float64) @ self.inverse @ products
+
     def _follows(self, products: np.ndarray, light: np.ndarray) -> tuple[float, float, float, float]:
         """The part of the light that follows the code, its error and their inverse, from sums over each block.
 
-        The filter ``w = sum over v of mean(S_v) (A^-1 s)_v``, with A the products of the details s, passes what follows
-        the sums S, so that ``n sum(w y)`` is the sum of y unless y holds what the masks do not explain. The errors are
-        infinite where the light cannot be told.
+        The errors are infinite where the light cannot be told.
         """
         if not self.tells_light:
             return 0.0, float("inf"), 0.0, float("inf")
-        pixels = float(self.used.sum())
-        means = np.einsum("vhw,hw->v", self.sums, self.used).astype(np.float64) / pixels
-        coded = pixels * (means @ self.inverse @ products)
+        coded = self.coded(products)
         inverse = _ratio(light, coded) if (self.sums >= 0).all() else (0.0, float("inf"))
         if abs(light.sum()) <= np.abs(light).sum() / 2:  # masks that cancel each other: there is no mean light
             return 0.0, float("inf"), *inverse

@@ -11,14 +11,15 @@ SAME = 1e-3  # of the largest value: masks that differ less code nothing
 
 def lost_frames(present: np.ndarray) -> tuple[Finding, ...]:
     """The findings of masks of which some frames are all 0; `present` is (V, B)."""
-    if present.all() or not present.any():
+    if present.all():
         return ()
     lost = "; ".join(
         f"view {v + 1}, frame{'s' * (len(b) > 1)} {', '.join(str(i + 1) for i in b)}"
         for v, b in ((v, np.flatnonzero(~row)) for v, row in enumerate(present))
         if len(b)
     )
-    return (Finding("missing", f"masks are all 0 in {lost}", "parts of their file may be missing"),)
+    where = f" in {lost}" if present.any() else ""
+    return (Finding("missing", f"masks are all 0{where}", "parts of their file may be missing"),)
 
 
 def static_views(masks: np.ndarray) -> tuple[Finding, ...]:

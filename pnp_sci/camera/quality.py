@@ -6,6 +6,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from pnp_sci.camera.clipped import Clipped
 from pnp_sci.masks import MaskCondition, condition
 
 OPEN, CLOSED = 90, 10  # percentiles of an element's brightness that stand for open and closed ones
@@ -32,6 +33,8 @@ class Quality:
     missing : tuple of (int, int)
         View and frame of pictures that are dark, counted from 1.
     condition : MaskCondition
+    clipped : tuple of Clipped
+        Kinds of pictures, "white" or "patterns", that pile up at their largest value below full scale.
     """
 
     contrast: tuple[float, ...]
@@ -42,11 +45,13 @@ class Quality:
     alike: tuple[tuple[int, int, int], ...]
     missing: tuple[tuple[int, int], ...]
     condition: MaskCondition
+    clipped: tuple[Clipped, ...] = ()
 
     @property
     def advice(self) -> list[str]:
         """What to do better, a sentence each."""
-        told = [
+        told = list(map(str, self.clipped))
+        told += [
             f"view {v}: the pictures of frames {a} and {b} are alike: was one taken twice?" for v, a, b in self.alike
         ]
         told += [f"view {v}: the picture of frame {b} is dark: is it missing?" for v, b in self.missing]
@@ -92,7 +97,13 @@ def lamp_gains(light: np.ndarray, response: np.ndarray, bad: np.ndarray) -> np.n
 
 
 def measure_quality(
-    masks: np.ndarray, shading: np.ndarray, pictures: np.ndarray, black: np.ndarray, bad: np.ndarray, gains: np.ndarray
+    masks: np.ndarray,
+    shading: np.ndarray,
+    pictures: np.ndarray,
+    black: np.ndarray,
+    bad: np.ndarray,
+    gains: np.ndarray,
+    piles: tuple[Clipped, ...],
 ) -> Quality:
     """The quality of masks (V, B, H, W), from pictures (V, B, N, H, W) and the shading (V, H, W)."""
     seen = ~bad if (~bad).any() else np.ones_like(bad)
@@ -116,6 +127,7 @@ def measure_quality(
         tuple(_alike(masks, seen)),
         tuple((int(v) + 1, int(b) + 1) for v, b in np.argwhere(missing)),
         condition(masks),
+        piles,
     )
 
 

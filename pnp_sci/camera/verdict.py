@@ -6,6 +6,7 @@ import numpy as np
 
 from pnp_sci.camera.code import Code, Match
 from pnp_sci.camera.fit import Finding
+from pnp_sci.camera.light_line import light_line
 from pnp_sci.camera.orientations import search
 
 SURELY = 5.0  # standard errors: beyond chance in any one of some dozen tests, also with few blocks
@@ -17,6 +18,7 @@ FIFTH = 0.2  # of the light: masks of which so much is followed are the right on
 TENTH = 0.1  # of the light: calibrated masks of real cameras miss half of that
 
 REGISTER = "pnp_sci.register(y, masks) estimates it, solve(..., register=True) corrects it"
+GAMMA = "y may not be linear: switch off gamma"
 
 
 def told(match: Match) -> bool:
@@ -56,7 +58,7 @@ def judge_code(code: Code, y: np.ndarray, match: Match) -> list[Finding]:
     high = match.follows - LIKELY * match.error > 1 + TENTH
     if (low or high) and match.blur.errors > SURELY and abs(match.blur.gain) > MATERIAL:
         return [_sharpness(match)]
-    return [_black(match)] if low else [_contrast(match)] if high else []
+    return [_weak(code, y, match)] if low else [_contrast(match)] if high else []
 
 
 def _others(code: Code, y: np.ndarray, match: Match, certain: bool) -> list[Finding]:
@@ -70,7 +72,7 @@ def _others(code: Code, y: np.ndarray, match: Match, certain: bool) -> list[Find
     if not certain:
         return []
     if match.follows > max(SURELY * match.error, FIFTH):
-        return [_black(match)]
+        return [_weak(code, y, match)]
     if match.contrast < HALF:
         text = "y has less fine detail than such masks leave"
         return [Finding("no code", text, "it seems to be divided by the sum of masks or averaged; give it as recorded")]
@@ -89,14 +91,21 @@ def _sharpness(match: Match) -> Finding:
     return Finding("sharpness", f"the code in y is {than} sharp than the masks", hint)
 
 
-def _black(match: Match) -> Finding:
-    text = f"{1 - match.follows:.0%} of the light in y does not follow the masks"
-    hint = "subtract the black level of the camera, or stray light, from y; or some masks are missing or wrong"
+def _weak(code: Code, y: np.ndarray, match: Match) -> Finding:
+    """What it means that part of the light does not follow the masks."""
     levels = match.level.value
     unseen = [str(v) for v, level in enumerate(levels, 1) if level < FIFTH * max(levels)]
+    text = f"{1 - match.follows:.0%} of the light in y does not follow the masks"
     if unseen and match.level.errors > SURELY:
         text += f", and none follows those of view {', '.join(unseen)}"
         hint = f"masks of a view may be wrong or moved: {REGISTER}; or the view is dark, and y has a black level"
+        return Finding("black level", text, hint)
+    constant, part = light_line(code, y)
+    if part and not constant:
+        text = f"the code in y is {match.follows:.2f} times as strong as the masks say, in bright and dark parts alike"
+        return Finding("contrast", text, f"{GAMMA}; or some masks are missing or wrong")
+    others = "some masks are missing or wrong" if constant and not part else f"{GAMMA}, or some masks are wrong"
+    hint = f"subtract the black level of the camera, or stray light, from y; or {others}"
     return Finding("black level", text, hint)
 
 

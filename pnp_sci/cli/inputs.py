@@ -14,11 +14,12 @@ if TYPE_CHECKING:
 
 
 def masks_for(measurement: Path, masks_file: Path | None, views: int | None, key: str | None) -> np.ndarray:
-    """The masks (V, B, H, W) of a measurement: those of `masks_file`, by default of its own file."""
+    """The masks (V, B, H, W) of a measurement that has been read: those of `masks_file`, by default of its own file."""
     from pnp_sci import io
 
     if masks_file is None and len(io.describe(measurement)) == 1:
-        raise click.UsageError(f"{measurement} holds a single array, no masks beside it: --masks FILE was expected")
+        there = "holds a single array of real numbers, no masks beside it"
+        raise click.UsageError(f"{measurement} {there}: --masks FILE was expected")
     return io.read_masks(masks_file or measurement, views, key)
 
 

@@ -80,8 +80,8 @@ def solve(
 
     from pnp_sci import Calibration, api, io
 
-    masks = masks_for(measurement, masks_file or calibration, views, masks_key)
     y = io.read_measurement(measurement, key)
+    masks = masks_for(measurement, masks_file or calibration, views, masks_key)
     unused = bad_pixels(bad)
     if calibration is not None:
         made = Calibration.load(calibration)

@@ -6,6 +6,8 @@ from pathlib import Path
 
 import numpy as np
 
+from pnp_sci.formats.channels import names
+
 SUFFIXES = ".tif", ".tiff"
 
 
@@ -27,14 +29,14 @@ def save(path: Path, x: np.ndarray, fps: float, white: np.ndarray, ome: bool, co
 
     views = x.shape[1]
     stack = np.ascontiguousarray(x.swapaxes(1, 2).reshape(-1, views, *x.shape[3:]), np.float32)
-    names = [f"view {view // 3 + 1} {'RGB'[view % 3]}" if colour else f"view {view + 1}" for view in range(views)]
+    named = names(views, colour)
     if ome or stack.shape[-1] == 1:  # tifffile would read a single column for ImageJ as colour samples
-        channels = {"Channel": {"Name": names}} if views > 1 else {}
+        channels = {"Channel": {"Name": named}} if views > 1 else {}
         times = {"TimeIncrement": 1 / fps, "TimeIncrementUnit": "s"}
         about = {"axes": "TCYX", **times, **channels}
         tifffile.imwrite(path, stack, ome=True, photometric="minisblack", metadata=about)
         return
     ranges = tuple(float(value) for level in white for value in (0, level))
     about = {"axes": "TCYX", "ndim": 4, "fps": fps, "finterval": 1 / fps, "mode": "grayscale"}
-    about |= {"Ranges": ranges, "min": 0.0, "max": float(white.max())}
+    about |= {"Labels": named * len(stack), "Ranges": ranges, "min": 0.0, "max": float(white.max())}
     tifffile.imwrite(path, stack, imagej=True, metadata=about)

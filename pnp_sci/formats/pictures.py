@@ -34,7 +34,8 @@ def of_samples(path: Path, picture: np.ndarray, colour: bool = False) -> np.ndar
     if colour:
         return np.repeat(samples, 3, -1) if samples.shape[-1] == 1 else samples
     if (samples[..., :1] != samples).any():
-        raise FormatError(f"{path}: a colour picture came, a grey one was expected")
+        reader = "pnp_sci.io.read_video(path, colour=True) reads colours"
+        raise FormatError(f"{path}: a colour picture came, a grey one was expected; {reader}")
     return samples[..., 0]
 
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import re
 from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
@@ -11,6 +12,7 @@ from typing import Any
 import numpy as np
 
 from pnp_sci.errors import FormatError, InputError
+from pnp_sci.formats.channels import are_colours, in_colour
 from pnp_sci.formats.pictures import of_samples
 
 CODECS = "imagecodecs"  # the package that tifffile asks for where a compression is not its own
@@ -27,10 +29,11 @@ def load(path: Path, colour: bool = False) -> dict[str, np.ndarray]:
             raise FormatError(f"{path}: some of its pictures are in other files, which are not there")
         if file.is_imagej:
             return {"array": _from_imagej(path, file, colour)}
-        arrays = []
+        arrays, names = [], _channels_of_ome(file)
         for series in file.series:
             array, axes = _samples_last(path, _values(path, series), series.axes, colour)
-            arrays.append(_views_first(array, axes) if file.is_ome else array)
+            array = _views_first(array, axes, bool(names)) if file.is_ome else array
+            arrays.append(_of_channels(path, array, names, colour))
     if len(arrays) > 1 and arrays[0].ndim == 2 + colour and len({(a.shape, a.dtype) for a in arrays}) == 1:
         return {"array": np.stack(arrays)}
     return {"array": arrays[0]} if len(arrays) == 1 else {f"series{i}": a for i, a in enumerate(arrays)}
@@ -106,9 +109,24 @@ def _samples_last(path: Path, array: np.ndarray, axes: str, colour: bool) -> tup
     return of_samples(path, np.moveaxis(array, axes.index("S"), -1), colour), axes.replace("S", "")
 
 
-def _views_first(array: np.ndarray, axes: str) -> np.ndarray:
-    """Axes of OME such as TCYX or ZCYX as (views, frames, rows, columns); others as they are."""
-    if len(axes) < 4 or "C" not in axes or not set(axes) <= set("TZCYX"):
+def _channels_of_ome(file: Any) -> list[str]:
+    """The names of the channels in OME-XML."""
+    return re.findall(r'<(?:\w+:)?Channel\b[^>]*\bName="([^"]*)"', file.ome_metadata or "")
+
+
+def _of_channels(path: Path, array: np.ndarray, names: list[str], colour: bool) -> np.ndarray:
+    """Grey values, or colours on the last axis, of channels (3 V, B, H, W) with the names of colours."""
+    if array.ndim != 4 or len(array) != len(names) or not are_colours(names):
+        return array
+    return of_samples(path, in_colour(array), colour)
+
+
+def _views_first(array: np.ndarray, axes: str, named: bool) -> np.ndarray:
+    """Axes of OME such as TCYX or ZCYX as (views, frames, rows, columns); others as they are.
+
+    So is a stack with channels only, which may be one of planes, unless the channels are `named`.
+    """
+    if (len(axes) < 4 and not named) or "C" not in axes or not set(axes) <= set("TZCYX"):
         return array
     array = np.moveaxis(array, axes.index("C"), 0)
     return array.reshape(len(array), -1, *array.shape[axes.index("Y") :])
@@ -141,7 +159,8 @@ def _from_imagej(path: Path, file: Any, colour: bool) -> np.ndarray:
     if written is None and channels > 1 and times * slices == 1:
         return stack[:, 0]
     ndim = int(written or (4 if channels > 1 else 3 if times * slices > 1 else 2))
-    return stack.reshape(stack.shape[4 - ndim :])
+    labels = (file.imagej_metadata or {}).get("Labels", [])
+    return _of_channels(path, stack.reshape(stack.shape[4 - ndim :]), labels[:channels], colour)
 
 
 def save(path: Path, array: np.ndarray) -> None:

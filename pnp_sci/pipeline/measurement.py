@@ -32,10 +32,9 @@ from pnp_sci.solvers.state import Array, Operator, State, length, start
 from pnp_sci.solvers.stopping import explains, held, noise_floor, relative_residual
 
 LITTLE = 1.5  # times the residual of noise: a measurement of noise alone has nothing that could be explained
-UNEXPLAINED = (
-    "the video explains nothing of y: the relative residual is {:.2f}, where that of a black video is 1; "
-    "test the prior with pnp_sci.testing.check_prior"
-)
+UNEXPLAINED = "the video explains nothing of y: the relative residual is {:.2f}, where that of a black video is 1; {}"
+OF_THE_PRIOR = "test the prior with pnp_sci.testing.check_prior"
+OF_THE_MASKS = "the masks are all 0"
 JUDGING = 0.25  # of a time budget, to find out what of a scene has to be modelled
 
 
@@ -183,7 +182,8 @@ def _unexplained(problem: Problem, status: Status, records: Sequence[Record]) ->
     floor = LITTLE * noise_floor(problem.typical_noise, problem.y)
     if status not in (Status.CONVERGED, Status.ITERATIONS) or explains(records[-1].residual, floor):
         return []
-    return [UNEXPLAINED.format(records[-1].residual)]
+    cause = OF_THE_PRIOR if problem.op.gram.any() else OF_THE_MASKS
+    return [UNEXPLAINED.format(records[-1].residual, cause)]
 
 
 class _Finish:

@@ -11,9 +11,9 @@ from pnp_sci.errors import FormatError
 from pnp_sci.formats import films_as_tiff
 from pnp_sci.formats.arrays import VIDEO
 from pnp_sci.formats.brightness import of_views
+from pnp_sci.formats.channels import as_channels
 from pnp_sci.formats.pictures import save_png
 from pnp_sci.formats.replacing import replacing
-from pnp_sci.results.channels import as_channels
 
 
 def export(path: Path, videos: np.ndarray, levels: np.ndarray, fps: float) -> None:

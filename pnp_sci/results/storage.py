@@ -11,11 +11,11 @@ import numpy as np
 
 from pnp_sci.errors import FormatError, MissingExtraError
 from pnp_sci.formats import hdf5, mat, npz
+from pnp_sci.formats.channels import as_channels, in_colour
 from pnp_sci.formats.child import apart
 from pnp_sci.formats.plain import as_json
 from pnp_sci.formats.replacing import replacing
 from pnp_sci.results import in_zarr
-from pnp_sci.results.channels import as_channels, in_colour
 from pnp_sci.results.history import History, Status
 
 Arrays = dict[str, np.ndarray]

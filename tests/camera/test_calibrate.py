@@ -107,6 +107,44 @@ def test_saturated_pixels_are_bad():
     assert calibrate(dark, white, raw, full_scale=65535).bad[10, 10:20].all()
 
 
+def clipping(lamp, repeats=3, curved=1.0, noise=1.0, black=500, full_scale=4095):
+    """Dark, white and pattern pictures of a camera of 12 bits whose white is `lamp` above its black level."""
+    rng = np.random.default_rng(2)
+
+    def taken(light):
+        counts = lamp * light * (1 - curved * (ROW**2 + COLUMN**2))
+        noisy = counts + noise * rng.normal(0, 3 + 0.3 * np.sqrt(counts)) + black
+        return noisy.round().clip(0, full_scale).astype(np.uint16)
+
+    light = np.repeat(0.03 + 0.97 * MASKS[:, :, None], repeats, 2)
+    return taken(np.zeros((repeats, SIDE, SIDE))), taken(np.ones((repeats, SIDE, SIDE))), taken(light)
+
+
+@pytest.mark.parametrize("lamp", [3800, 5000, 8000])
+@pytest.mark.parametrize("repeats", [1, 2, 3, 10])
+@pytest.mark.parametrize("noise", [0.3, 1.0])
+def test_clipped_pictures_are_noticed_without_full_scale(lamp, repeats, noise):
+    """Also where no pixel of white is below the largest value, and with one picture of each."""
+    dark, white, raw = clipping(lamp, repeats, noise=noise)
+    advice = calibrate(dark, white, raw).quality.advice
+    for name in ("white", "patterns"):
+        assert any(f"values of {name} are exactly the largest, 4095" in sentence for sentence in advice)
+    assert all("full_scale=4095" in sentence and "shorter exposure" in sentence for sentence in advice)
+    if lamp == 3800:
+        assert calibrate(dark, white, raw, full_scale=4095).quality.clipped == ()
+    assert calibrate(dark, white, raw, full_scale=4096).quality.clipped != ()
+
+
+@pytest.mark.parametrize("repeats", [1, 2, 3, 50])
+@pytest.mark.parametrize("curved", [0, 0.8])
+@pytest.mark.parametrize("noise", [0, 0.02, 0.1, 0.3, 1.0])
+@pytest.mark.parametrize(("lamp", "black"), [(3000, 500), (3000.4, 0.4), (180.9, 4.5), (100.5, 0)])
+def test_pictures_that_are_not_clipped_raise_no_alarm(repeats, curved, noise, lamp, black):
+    """Many values are the largest one where the noise is less than a grey level, or none."""
+    quality = calibrate(*clipping(lamp, repeats, curved, noise, black)).quality
+    assert quality.clipped == ()
+
+
 @pytest.mark.parametrize("crop", [None, (4, 6, 32, 40)])
 def test_pictures_of_another_size_are_refused(crop, tmp_path):
     """Their upper left part would be other pixels of the sensor."""

@@ -93,8 +93,18 @@ def test_wrong_command_lines_exit_with_2(meas):
     assert "there is no folder nowhere" in fails(2, "compare", meas, "--html", "nowhere/a.html")
     io.write("y.npy", io.read_measurement(meas))
     for command in ("solve", "compare"):
-        assert "y.npy holds a single array" in fails(2, command, "y.npy")
+        assert "y.npy holds a single array of real numbers" in fails(2, command, "y.npy")
     assert not Path("result.npz").exists()
+
+
+@pytest.mark.parametrize("command", ["solve", "compare"])
+def test_what_is_missing_in_a_file_is_said(meas, command):
+    """A complex array is left out: then there is no measurement, or there are no masks."""
+    y, masks = io.read_measurement(meas), io.read_masks(meas)
+    np.savez("no_y.npz", y=1j * y, masks=masks)
+    np.savez("no_masks.npz", y=y, masks=1j * masks)
+    assert "no measurement was recognised; the file holds masks" in fails(1, command, "no_y.npz")
+    assert "holds a single array of real numbers, no masks beside it" in fails(2, command, "no_masks.npz")
 
 
 @pytest.mark.parametrize(

@@ -81,6 +81,13 @@ def test_a_video_that_explains_nothing_has_not_converged(scene, algorithm):
     assert any("explains nothing" in remark for remark in result.remarks)
 
 
+@pytest.mark.parametrize("sequence", [False, True])
+def test_masks_that_are_all_0_are_not_the_priors_fault(scene, sequence):
+    result = solve([scene.y] * 2, 0 * scene.masks, iterations=2, sequence=sequence)
+    assert any("masks are all 0" in remark for remark in result.remarks)
+    assert not any("prior" in remark for remark in result.remarks)
+
+
 def test_a_video_of_noise_alone_needs_to_explain_nothing(scene):
     noise = np.random.default_rng(0).normal(0, 1, scene.y.shape)
     result = solve(noise, scene.masks, lambda x, sigma: 0 * x, scene="full", noise=1.05)

@@ -4,6 +4,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+import tifffile
 from PIL import Image
 from skimage.metrics import structural_similarity
 
@@ -71,9 +72,33 @@ def test_pictures_and_stacks(tmp_path):
     np.testing.assert_allclose(picture[:32, :24], 255 * made.x[0, 0], atol=1)
     np.testing.assert_allclose(picture[32:, 48:], 255 / 2 * made.x[1, 2], atol=1)
     made.export(tmp_path / "r.tif")
-    channels = io.read(tmp_path / "r.tif")
-    assert channels.shape == (6, 3, 32, 24)
-    assert np.array_equal(channels[4], made.x[1, ..., 1]), "green of the second view"
+    channels = tifffile.imread(tmp_path / "r.tif")
+    assert channels.shape == (3, 6, 32, 24)
+    assert np.array_equal(channels[:, 4], made.x[1, ..., 1]), "green of the second view"
+
+
+@pytest.mark.parametrize("name", ["r.tif", "r.ome.tif"])
+@pytest.mark.parametrize("views", [1, 2])
+@pytest.mark.parametrize("frames", [1, 3])
+@pytest.mark.parametrize("columns", [1, 24])
+@pytest.mark.parametrize("count", [1, 2])
+def test_a_tiff_comes_back(tmp_path, name, views, frames, columns, count):
+    """In colour and in grey; its channels say which, so that colours are not taken for views."""
+    x = result(count).x[:, :views, :frames, :, :columns]
+    for video in (x, x[..., 0]):
+        colour = video.ndim == 6
+        replace(result(), x=video, settings={"mosaic": "RGGB"} if colour else {}).export(tmp_path / name)
+        one_film = np.concatenate(list(video), 1)
+        np.testing.assert_array_equal(io.read_video(tmp_path / name, colour=colour), one_film)
+        with pytest.raises(FormatError, match="colour"):
+            io.read_video(tmp_path / name, colour=not colour)
+
+
+def test_views_are_not_taken_for_colours(tmp_path):
+    video = np.random.default_rng(0).random((3, 4, 8, 8), np.float32)
+    for name in ("r.tif", "r.ome.tif"):
+        replace(result(), x=video, settings={}).export(tmp_path / name)
+        np.testing.assert_array_equal(io.read_video(tmp_path / name), video)
 
 
 def test_figures_and_notebooks():
