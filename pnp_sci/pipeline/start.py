@@ -45,6 +45,8 @@ class Start:
     remarks: list[str] = field(default_factory=list)
 
 
+CANCELS = 1.25  # times what a decoder's estimate measures: what its magnitudes may; those of real scenes reach 1.05
+
 Decode = Callable[[Problem, SceneModel], np.ndarray]
 _seconds: dict[Hashable, float] = {}  # least that a decoder has taken for each value of x in this process
 _guessed: set[Hashable] = set()  # those of `_seconds` that are from crops
@@ -93,7 +95,11 @@ def first_estimate(
 
 
 def _decoded(name: str, problem: Problem, scene: SceneModel, device: str | None, deadline: float | None) -> Start:
-    """What the decoder of this name makes, or "adjoint" where it would miss the deadline."""
+    """What the decoder of this name makes, or "adjoint" where it would miss the deadline or cannot be trusted.
+
+    A network that sees what it was not trained for, such as points of light ten times as bright as the rest, may make
+    large values of either sign. They cancel each other in y, so that no residual tells.
+    """
     known = decoder_for("init", name, {}, device)
 
     def decoder(problem: Problem, scene: SceneModel) -> np.ndarray:
@@ -115,6 +121,12 @@ def _decoded(name: str, problem: Problem, scene: SceneModel, device: str | None,
     if key in _warm:
         _learn(key, lasted / size)
     _warm.add(key)
+    excess = length(problem.op.forward(np.abs(x))) / (length(problem.op.forward(x)) or 1.0)
+    if problem.op.masks.min() >= 0 and excess > CANCELS:
+        remark = (
+            f"init: what {name!r} makes of y cancels itself ({excess:.3g} times as much light): 'adjoint' was taken"
+        )
+        return Start("adjoint", level(problem.op, problem.y), remarks=[remark])
     return Start(name, x, decoded=True)
 
 

@@ -13,7 +13,8 @@ from pnp_sci.errors import InputTypeError
 from pnp_sci.sensing.operator import SensingOperator
 
 BLOCK = 8  # pixels per side of a block
-WIDE = 16  # of a block of which few pixels count
+WIDE = 16  # ... of which few pixels count
+LOW = 0.1  # quantile of the errors in such blocks: a lower one depends on single blocks
 FEWEST = 16  # blocks for an estimate
 
 
@@ -22,7 +23,6 @@ class NoiseNumbers(Tuned):
     """Parameters of the estimate."""
 
     quantile: float = 0.02  # quantile of the residual variances of the blocks
-    predicted: float = 0.1  # quantile of the squared errors of predictions in larger blocks
 
 
 TUNED = NoiseNumbers()
@@ -120,7 +120,7 @@ def noise_of_prediction(residual: np.ndarray, unseen: np.ndarray) -> float:
 
     squares, count = sums(unseen * residual.astype(np.float64) ** 2), sums(unseen)
     usable = count > 0
-    return _of_quietest(squares[usable], count[usable], TUNED.predicted) if usable.sum() >= FEWEST else np.inf
+    return _of_quietest(squares[usable], count[usable], LOW) if usable.sum() >= FEWEST else np.inf
 
 
 def _of_quietest(squares: np.ndarray, freedom: np.ndarray, quantile: float) -> float:

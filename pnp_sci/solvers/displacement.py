@@ -42,7 +42,8 @@ def displace(x: Array, v: Array, noise: float) -> None:
     ``v <- v + d . grad x`` with ``d = (S[g g^T] + noise^2 / (WINDOW expected^2) I)^-1 S[g (v - x)]`` and g = grad x.
     S is a mean over a window of about 4 pixels (standard deviation). d is the mean of the posterior for white noise of
     standard deviation `noise` and a Gaussian prior (Lucas & Kanade 1981, with a regulariser). It is bounded by
-    `FARTHEST`, and equal in each block of 2 x 2 pixels.
+    `FARTHEST`, and equal in each block of 2 x 2 pixels. What it adds to a pixel is bounded by `noise`: a prior removes
+    little of a stronger pull, and if that were doubled, the solver would go too far, again and again.
 
     Parameters
     ----------
@@ -51,14 +52,15 @@ def displace(x: Array, v: Array, noise: float) -> None:
     noise : float
         Standard deviation of what v - x holds beside a displacement, in the same units.
     """
-    ridge = min(noise, LOUDEST) ** 2 / (WINDOW * TUNED.expected**2)
+    noise = min(noise, LOUDEST)
+    ridge = noise**2 / (WINDOW * TUNED.expected**2)
     if not isinstance(x, np.ndarray):
         from pnp_sci.solvers.torch_displacement import displace_tensors
 
-        displace_tensors(x, v, ridge, REACH, FARTHEST)
+        displace_tensors(x, v, ridge, noise, REACH, FARTHEST)
         return
     planes = (-1, *x.shape[2:])
-    _displace(x.reshape(planes), v.reshape(planes), x.dtype.type(ridge))
+    _displace(x.reshape(planes), v.reshape(planes), x.dtype.type(ridge), x.dtype.type(noise))
 
 
 @device_function
@@ -110,8 +112,8 @@ def _box(picture, scratch):
 
 
 @kernel
-def _displace(x, v, ridge):
-    """v (K, H, W) <- v + d . grad x, frame by frame; see :func:`displace`."""
+def _displace(x, v, ridge, most):
+    """v (K, H, W) <- v + d . grad x, frame by frame, which adds at `most` that; see :func:`displace`."""
     planes, rows, columns = x.shape
     real = x.dtype.type
     for k in numba.prange(planes):
@@ -133,4 +135,5 @@ def _displace(x, v, ridge):
         for i in range(rows):
             for j in range(columns):
                 a, c = _slope(x[k], i, j)
-                v[k, i, j] += a * sums[3, i // 2, j // 2] + c * sums[4, i // 2, j // 2]
+                more = a * sums[3, i // 2, j // 2] + c * sums[4, i // 2, j // 2]
+                v[k, i, j] += min(max(more, -most), most)

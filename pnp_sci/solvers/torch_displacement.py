@@ -9,10 +9,11 @@ import torch
 import torch.nn.functional as F
 
 
-def displace_tensors(x: torch.Tensor, v: torch.Tensor, ridge: float, reach: int, farthest: float) -> None:
+def displace_tensors(x: torch.Tensor, v: torch.Tensor, ridge: float, most: float, reach: int, farthest: float) -> None:
     """As :func:`pnp_sci.solvers.displacement.displace`, frame by frame, which needs little memory.
 
-    `ridge` is the term beside the products of gradients, `reach` and `farthest` are REACH and FARTHEST of that module.
+    `ridge` is the term beside the products of gradients, `most` bounds what is added, `reach` and `farthest` are REACH
+    and FARTHEST of that module.
     """
     height, width = x.shape[2:]
     for frame, pulled in zip(x.flatten(0, 1), v.flatten(0, 1)):
@@ -28,7 +29,7 @@ def displace_tensors(x: torch.Tensor, v: torch.Tensor, ridge: float, reach: int,
         moved = torch.stack([cc * ab - ac * cb, aa * cb - ac * ab]) * torch.where(below > 0, 1 / below, 0)
         moved = moved / (moved.square().sum(0).sqrt() / farthest).clamp(min=1)
         moved = moved.repeat_interleave(2, 1).repeat_interleave(2, 2)[:, :height, :width]
-        pulled += down * moved[0] + across * moved[1]
+        pulled += (down * moved[0] + across * moved[1]).clamp(-most, most)
 
 
 def _slopes(frame: torch.Tensor) -> tuple[torch.Tensor, torch.Tensor]:

@@ -123,7 +123,9 @@ def measured(
 def _searched(x: torch.Tensor, pairs: Pairs, begin: torch.Tensor | None) -> torch.Tensor:
     """Flow (V, P, 2, h, w) of each pair of frames of x (V, B, H, W) at half size, by OpenCV on the CPU."""
     given = np.array(pairs.pairs, np.int64)
-    starts = [None] * len(x) if begin is None else (FRACTION * begin).movedim(2, -1).float().numpy(force=True)
+    starts = (
+        [None] * len(x) if begin is None else (FRACTION * begin).movedim(2, -1).float().contiguous().numpy(force=True)
+    )
     found = np.stack([searched(view, given, start) for view, start in zip(x.numpy(force=True), starts)])
     return torch.from_numpy(found).to(x).movedim(-1, 2) / FRACTION
 

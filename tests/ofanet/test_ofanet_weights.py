@@ -154,3 +154,13 @@ def test_a_decoder_that_has_its_share_improves_noisy_results(held_out, prior, in
     named, given = (pnp_sci.solve(y, masks, init=init, **known).history[-1].psnr for init in (init, start))
     print(f"{prior}: {named:.2f} dB, without the decoder's share {given:.2f}")
     assert named > given + 0.1
+
+
+@pytest.mark.parametrize("model", ["ofanet-fast", "unet", "birnat"])
+def test_a_view_with_less_light_is_decoded_as_well(embedded, model):
+    """As behind a mirror that splits the light unequally."""
+    masks = moving_masks(embedded.shape, seed=11).astype(np.float32)
+    unequal = masks * np.array([1, 0.25], np.float32)[:, None, None, None]
+    usual, weak = (pnp_sci.psnr(decoded(embedded, m, model), embedded) for m in (masks, unequal))
+    print(f"{model} {usual}, {weak}")
+    assert weak.mean() > usual.mean() - 2

@@ -6,6 +6,7 @@ import types
 
 import numpy as np
 import pytest
+from scipy.ndimage import gaussian_filter
 
 import pnp_sci
 from pnp_sci import SceneModel, datasets, solve
@@ -173,3 +174,30 @@ def test_damaged_weights_are_told_and_not_passed_over(scene, monkeypatch):
 def test_what_cannot_begin_is_named(scene, init, message):
     with pytest.raises((InputError, InputTypeError, UnknownPluginError), match=message):
         solve(scene.y, scene.masks, init=init, iterations=1)
+
+
+def test_an_estimate_that_cancels_itself_is_not_used(scene, monkeypatch):
+    """Large values of either sign measure y as well as others do."""
+    op = pnp_sci.SensingOperator(scene.masks)
+    wild = 30 * np.random.default_rng(0).standard_normal(op.shape).astype(np.float32)
+    decode = lambda problem, _: problem.op.project(wild, problem.y)  # noqa: E731
+    monkeypatch.setitem(registry._registered["decoders"], "wild", lambda: decode)
+    result = solve(scene.y, scene.masks, init="wild", iterations=5)
+    assert result.settings["init"] == "adjoint"
+    assert "what 'wild' makes of y cancels itself" in result.remarks[0]
+    assert np.array_equal(result.x, solve(scene.y, scene.masks, init="adjoint", iterations=5).x)
+
+
+def test_points_of_light_do_not_spoil_the_first_estimate():
+    """The networks have not seen points ten times as bright as the rest."""
+    pytest.importorskip("ofanet_init.decoder")
+    dim = gaussian_filter(np.random.default_rng(0).random((96, 96)), 3)
+    truth = np.repeat(0.1 * (dim - dim.min())[None, None] / np.ptp(dim), 8, 1).astype(np.float32)
+    for i, j in np.random.default_rng(0).integers(4, 90, (4, 2)):
+        truth[:, :, i, j] = 1
+    masks = datasets.moving_masks(truth.shape, seed=3)
+    y = pnp_sci.simulate(truth, masks)
+    assert pnp_sci.psnr(pnp_sci.decode(y, masks, "ofanet-fast").x, truth) < 20
+    result = solve(y, masks, "video", scene="full")
+    assert result.status.ok
+    assert pnp_sci.psnr(result.x, truth) > 30

@@ -60,7 +60,7 @@ def reference(x, v, noise):
     pull = np.stack([mean(a * (v - x)) for a in (down, across)], -1)
     d = np.linalg.solve(outer, pull[..., None])[..., 0]
     d /= np.maximum(np.linalg.norm(d, axis=-1, keepdims=True) / FARTHEST, 1)
-    return (gradient * d.repeat(2, 2).repeat(2, 3)).sum(-1)
+    return np.clip((gradient * d.repeat(2, 2).repeat(2, 3)).sum(-1), -noise, noise)
 
 
 def test_it_solves_the_equations_of_lucas_and_kanade():
@@ -86,8 +86,8 @@ def test_noise_alone_displaces_little():
 def test_more_noise_is_believed_less():
     x = texture()
     pull = 0.3 * slopes(x)[0]
-    found = [np.vdot(moved(x, x + pull, noise), pull) / np.vdot(pull, pull) for noise in (0.0, 0.05, 0.2, 1.0)]
-    assert found[0] == pytest.approx(1, abs=1e-6)
+    found = [np.vdot(moved(x, x + pull, noise), pull) / np.vdot(pull, pull) for noise in (0.05, 0.2, 1.0)]
+    assert found[0] > 0.7
     assert found == sorted(found, reverse=True)
     assert found[-1] < 0.1
 
@@ -96,6 +96,25 @@ def test_a_displacement_has_a_bound():
     x = texture()
     added = moved(x, x + 100 * slopes(x)[1], 0.01)
     assert np.all(np.abs(added) <= FARTHEST * np.hypot(*slopes(x)) * (1 + 1e-9))
+
+
+@pytest.mark.parametrize("noise", [0.0, 0.01, 0.05])
+def test_no_more_than_the_noise_is_added(noise):
+    x = texture()
+    added = moved(x, x + 0.5 * slopes(x)[0], noise)
+    assert np.abs(added).max() == pytest.approx(noise)
+
+
+@pytest.mark.parametrize("prior", ["flow", "video"])
+def test_masks_of_low_contrast_are_solved(prior):
+    """Without the bound, pulls along the edges of the estimate were doubled, and it diverged."""
+    truth = np.ascontiguousarray(pnp_sci.datasets.embedded_scene(96).truth[:, :3])
+    masks = np.random.default_rng(0).uniform(0.4, 1, truth.shape).astype(np.float32)
+    masks[1] *= 0.5
+    y = pnp_sci.simulate(truth, masks)
+    result, smooth = (pnp_sci.solve(y, masks, p, init="adjoint", scene="full") for p in (prior, "tv"))
+    assert result.status.ok
+    assert np.mean(pnp_sci.psnr(result.x, truth)) > np.mean(pnp_sci.psnr(smooth.x, truth)) + 2
 
 
 def test_frames_do_not_influence_each_other():
