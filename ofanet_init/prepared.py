@@ -28,6 +28,7 @@ class DecoderNumbers(Tuned):
 
 TUNED = DecoderNumbers()
 
+WEAKEST = 0.05  # light of a view beside the brightest one, below which y does not tell its frames
 EMPTY = 0.5  # largest part of a network's places without a frame: what it decodes with more is far from the scene
 
 
@@ -75,7 +76,7 @@ def tensors(
 ) -> tuple[torch.Tensor, torch.Tensor]:
     """Measurement (1, H, W) and masks (1, V, B, H, W), or some rows of them, in the units of the training clips.
 
-    V and B are those of the network. The largest mask value of each view is 1.
+    V and B are those of the network. The largest mask value of each view is 1, unless it is nearly dark.
     """
     largest = _largest(problem)
     coded = problem.op.masks[:, :, rows].astype(np.float32) / largest
@@ -93,9 +94,11 @@ def in_units_of(problem: Problem, video: torch.Tensor) -> np.ndarray:
 
 
 def _largest(problem: Problem) -> np.ndarray:
-    """The largest mask value of each view, (V, 1, 1, 1); 1 for a view that no mask opens to."""
+    """The largest mask value of each view, (V, 1, 1, 1); of views that are nearly dark that of all views."""
     largest = problem.op.masks.max((1, 2, 3), keepdims=True).astype(np.float32)
-    return np.where(largest > 0, largest, np.float32(1))
+    return (
+        np.where(largest < WEAKEST * largest.max(), largest.max(), largest) if largest.any() else np.ones_like(largest)
+    )
 
 
 def projected(problem: Problem, video: np.ndarray) -> np.ndarray:

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from itertools import cycle
 
 import numpy as np
 
@@ -38,10 +37,9 @@ def names(channels: int, colour: bool) -> list[str]:
 
 
 def are_colours(named: Sequence[str]) -> bool:
-    """Whether channels of these names are the colours of views.
+    """Whether :func:`names` calls the colours of views so.
 
-    >>> are_colours(["R", "G", "B"]), are_colours(["view 1", "view 2", "view 3"])
+    >>> are_colours(["view 1 R", "view 1 G", "view 1 B"]), are_colours(["view 1", "view 2", "view 3"])
     (True, False)
     """
-    of_colours = all(name.split()[-1:] == [c] for name, c in zip(named, cycle(COLOURS)))
-    return bool(named) and len(named) % len(COLOURS) == 0 and of_colours
+    return bool(named) and list(named) == names(len(named), True)

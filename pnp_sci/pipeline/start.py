@@ -22,6 +22,8 @@ from pnp_sci.solvers.pace import LITTLE, SIDE
 from pnp_sci.solvers.state import length, missing
 from pnp_sci.solvers.stopping import EXPLODED
 
+CANCELS = 1.25  # times what a decoder's estimate measures: what its magnitudes may; those of real scenes reach 1.05
+
 
 @dataclass(frozen=True, eq=False)
 class Start:
@@ -44,8 +46,6 @@ class Start:
     decoded: bool = False
     remarks: list[str] = field(default_factory=list)
 
-
-CANCELS = 1.25  # times what a decoder's estimate measures: what its magnitudes may; those of real scenes reach 1.05
 
 Decode = Callable[[Problem, SceneModel], np.ndarray]
 _seconds: dict[Hashable, float] = {}  # least that a decoder has taken for each value of x in this process
@@ -121,13 +121,19 @@ def _decoded(name: str, problem: Problem, scene: SceneModel, device: str | None,
     if key in _warm:
         _learn(key, lasted / size)
     _warm.add(key)
-    excess = length(problem.op.forward(np.abs(x))) / (length(problem.op.forward(x)) or 1.0)
-    if problem.op.masks.min() >= 0 and excess > CANCELS:
+    if (excess := _excess(x, problem)) > CANCELS:
         remark = (
             f"init: what {name!r} makes of y cancels itself ({excess:.3g} times as much light): 'adjoint' was taken"
         )
         return Start("adjoint", level(problem.op, problem.y), remarks=[remark])
     return Start(name, x, decoded=True)
+
+
+def _excess(x: np.ndarray, problem: Problem) -> float:
+    """What the magnitudes of x measure, in units of what x does; 1 if a mask is negative."""
+    if problem.op.masks.min() < 0:
+        return 1.0
+    return length(problem.op.forward(np.abs(x))) / (length(problem.op.forward(x)) or 1.0)
 
 
 def _needed(key: Hashable, decode: Decode, problem: Problem, scene: SceneModel, deadline: float) -> float:

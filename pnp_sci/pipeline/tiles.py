@@ -110,10 +110,11 @@ def reconstruct_in_tiles(
     scene = choose_scene(request.scene, problems[0], strong, strong, judged_until(deadline))
     if request.mosaic is None:
         problems = noise_of_still(problems, scene, request, judged_until(deadline))
+    moves = scene.reduce(problems[0].op).shape[1] > 1  # else all tiles have the same noise
     outcomes = []
     for left, tile in zip(range(len(parts), 0, -1), parts):
         own = replace(request.cropped(tile.seen), scene=scene)
-        cropped = [problem.crop(tile.seen) for problem in problems]
+        cropped = [replace(problem.crop(tile.seen), estimated=problem.estimated and moves) for problem in problems]
         video = np.empty((*out.shape[:3], *cropped[0].op.shape[2:]), out.dtype)
         now = time.perf_counter()
         end = None if deadline is None else now + (deadline - now) / left
@@ -158,7 +159,7 @@ def _problem(problem: Problem, tiles: Sequence[Problem], sizes: Sequence[int]) -
     """The problem of a measurement, with the mean of the noise that its tiles were told if that was estimated."""
     if not problem.estimated:
         return problem
-    return replace(problem, noise=float(np.average([tile.noise for tile in tiles], weights=sizes)))
+    return replace(problem, noise=float(np.average([float(tile.noise) for tile in tiles], weights=sizes)))
 
 
 def _scene(tiles: Sequence[dict[str, Any]], sizes: Sequence[int], problem: Problem) -> dict[str, Any]:

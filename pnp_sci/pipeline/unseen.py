@@ -24,8 +24,9 @@ class Unseen:
 
     The estimate from y alone (:func:`pnp_sci.estimate_noise`) takes texture, flicker and fast motion for noise. A
     twentieth of the pixels of y counts as infinitely noisy in the first half of the calls of the last prior. What an
-    iterate leaves of them is noise and its own error, and so no less than the noise, in the mean. If it is less than
-    the noise that the solver was told, the solver is told that from then on; so its next iterates may predict better.
+    iterate leaves of them is noise and its own error, nearly independent, as only the first estimate has seen them: no
+    less than the noise, in the mean. If it is less than the noise that the solver was told, the solver is told that
+    from then on; so its next iterates may predict better.
 
     Parameters
     ----------
@@ -43,7 +44,7 @@ class Unseen:
         self.op, self.backend, self.noise = op, backend, problem.noise
         self.last = (plan.least + plan.iterations) // 2  # iteration after which all pixels are seen
         one_number = problem.estimated and np.ndim(problem.noise) == 0
-        self.due = bool(wanted and one_number and problem.noise and self.last)
+        self.due = bool(wanted and one_number and problem.noise) and 0 < self.last < plan.iterations
         usable = op.gram > 0
         if problem.saturated is not None:
             usable &= ~problem.saturated

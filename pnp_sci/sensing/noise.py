@@ -13,8 +13,8 @@ from pnp_sci.errors import InputTypeError
 from pnp_sci.sensing.operator import SensingOperator
 
 BLOCK = 8  # pixels per side of a block
-WIDE = 16  # ... of which few pixels count
-LOW = 0.1  # quantile of the errors in such blocks: a lower one depends on single blocks
+WIDE = 16  # pixels per side of a block in which only unseen pixels count
+LOW = 0.1  # quantile of the errors in such blocks; a lower one would be decided by single blocks
 FEWEST = 16  # blocks for an estimate
 
 

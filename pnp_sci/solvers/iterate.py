@@ -93,8 +93,8 @@ def states(
     revise: Callable[[Schedule, State], Schedule] = lambda schedule, _: schedule,
 ) -> Iterator[State]:
     """The iterates of :func:`iterate`, with a session of the prior and a schedule; `revise` may change that."""
-    gram = float(op.gram.mean())
-    in_x = schedule.mean_product() / gram if gram > 0 else 0.0
+    gram = float(op.gram.mean()) or np.inf  # without any mask nothing of the noise comes into x
+    in_x = schedule.mean_product() / gram
     state = start(op, y, x)
     del x  # as large as all that a step needs
     while True:

@@ -53,7 +53,7 @@ class Plan:
     tol : float
         A change of Phi x by less than this share of ``||y||`` counts as none; `tol` times the contrast of the masks.
     least : int
-        Iterations before which no change counts as none: those before the last prior serves.
+        Iterations before which no change counts as none: those before the last prior serves and all pixels are seen.
     deadline : float or None
         The moment of ``time.perf_counter`` by which the solver returns.
     paces : tuple of Pace

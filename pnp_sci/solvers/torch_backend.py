@@ -22,7 +22,7 @@ from pnp_sci.solvers.backend import Backend
 
 @dataclass(frozen=True)
 class TorchBackend(Backend):
-    """Tensors on a device. Within the loop only scalars leave it, and one residual.
+    """Tensors on a device. Within the loop only scalars leave it, and residuals where the noise is estimated.
 
     Examples
     --------

@@ -164,3 +164,9 @@ def test_a_view_with_less_light_is_decoded_as_well(embedded, model):
     usual, weak = (pnp_sci.psnr(decoded(embedded, m, model), embedded) for m in (masks, unequal))
     print(f"{model} {usual}, {weak}")
     assert weak.mean() > usual.mean() - 2
+
+
+def test_a_view_that_is_nearly_dark_is_not_scaled_up_without_limit(embedded):
+    masks = moving_masks(embedded.shape, seed=11).astype(np.float32)
+    masks[1] *= 0.005
+    assert np.abs(decoded(embedded, masks)[1]).max() < 3

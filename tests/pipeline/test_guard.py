@@ -82,8 +82,10 @@ def test_a_video_that_explains_nothing_has_not_converged(scene, algorithm):
 
 
 @pytest.mark.parametrize("sequence", [False, True])
-def test_masks_that_are_all_0_are_not_the_priors_fault(scene, sequence):
-    result = solve([scene.y] * 2, 0 * scene.masks, iterations=2, sequence=sequence)
+@pytest.mark.parametrize(("prior", "iterations"), [("tv", 2), ("flow", 64)])
+def test_masks_that_are_all_0_are_not_the_priors_fault(scene, sequence, prior, iterations):
+    given = {"init": "adjoint", "scene": "full", "iterations": iterations, "sequence": sequence}
+    result = solve([scene.y] * 2, 0 * scene.masks, prior, **given)
     assert any("masks are all 0" in remark for remark in result.remarks)
     assert not any("prior" in remark for remark in result.remarks)
 

@@ -75,12 +75,16 @@ def test_what_is_known_stays(panned, told, monkeypatch):
     pnp_sci.solve(measured(panned), masks, **OPTIONS | told, iterations=4)
 
 
-@pytest.mark.parametrize("options", [{"prior": "tv"}, {"iterations": 1}])
+@pytest.mark.parametrize("options", [{"prior": "tv"}, {"iterations": 1}, {"prior": "flow", "iterations": 40}])
 def test_the_estimate_stays(panned, options, monkeypatch):
-    """With weak priors, or too few calls to predict anything."""
+    """With weak priors, one call, or none after the warm-up: then all pixels are seen from the beginning."""
     masks, _ = panned
     monkeypatch.setattr(module, "noise_of_prediction", lambda *_: pytest.fail("pixels were predicted"))
-    pnp_sci.solve(measured(panned), masks, **{"iterations": 4} | OPTIONS | options)
+    y = measured(panned)
+    result, known = (
+        pnp_sci.solve(y, masks, **{"iterations": 4} | OPTIONS | options, noise=n) for n in ("auto", estimate(masks, y))
+    )
+    np.testing.assert_allclose(result.x, known.x, atol=1e-5)
 
 
 @dataclass(frozen=True)
