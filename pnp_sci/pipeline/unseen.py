@@ -15,7 +15,7 @@ from pnp_sci.solvers.plan import Plan
 from pnp_sci.solvers.schedule import Schedule
 from pnp_sci.solvers.state import State
 
-PART = 0.05  # of the pixels of y
+PART = 0.02  # of the pixels of y
 SEED = 2  # of their choice: not those of the judges of scene and noise, nor those of `uncertainty`
 
 
@@ -23,7 +23,7 @@ class Unseen:
     """Lowers an estimated noise to the error with which the solver predicts pixels of y that it has not seen.
 
     The estimate from y alone (:func:`pnp_sci.estimate_noise`) takes texture, flicker and fast motion for noise. A
-    twentieth of the pixels of y counts as infinitely noisy in the first half of the calls of the last prior. What an
+    fiftieth of the pixels of y counts as infinitely noisy in the first third of the calls of the last prior. What an
     iterate leaves of them is noise and its own error, nearly independent, as only the first estimate has seen them: no
     less than the noise, in the mean. If it is less than the noise that the solver was told, the solver is told that
     from then on; so its next iterates may predict better.
@@ -42,7 +42,7 @@ class Unseen:
 
     def __init__(self, problem: Problem, op: SensingOperator, plan: Plan, wanted: bool, backend: Backend):
         self.op, self.backend, self.noise = op, backend, problem.noise
-        self.last = (plan.least + plan.iterations) // 2  # iteration after which all pixels are seen
+        self.last = (2 * plan.least + plan.iterations) // 3  # iteration after which all pixels are seen
         one_number = problem.estimated and np.ndim(problem.noise) == 0
         self.due = bool(wanted and one_number and problem.noise) and 0 < self.last < plan.iterations
         usable = op.gram > 0

@@ -14,7 +14,7 @@ from pnp_sci.sensing.operator import SensingOperator
 
 BLOCK = 8  # pixels per side of a block
 WIDE = 16  # pixels per side of a block in which only unseen pixels count
-LOW = 0.1  # quantile of the errors in such blocks; a lower one would be decided by single blocks
+QUIET = 6  # such blocks, at least, that decide: fewer may have small errors by chance
 FEWEST = 16  # blocks for an estimate
 
 
@@ -106,8 +106,9 @@ def noise_of_prediction(residual: np.ndarray, unseen: np.ndarray) -> float:
     """Standard deviation of a residual ``y - Phi x`` (..., H, W) in blocks in which it is small.
 
     Only pixels count from which x was not estimated, `unseen`, bool like the residual: there it is the noise, plus what
-    x lacks. It is the root of the 0.1 quantile of sums of squares in blocks of 16 x 16 pixels, divided by that of the
-    chi-square distribution. Infinite if fewer than 16 blocks have such pixels.
+    x lacks. It is the root of a quantile of sums of squares in blocks of 16 x 16 pixels, divided by that of the
+    chi-square distribution: the 0.02 quantile, or that of six blocks if they are more. Infinite if fewer than 16 blocks
+    have such pixels.
 
     >>> residual = np.ones((128, 128))
     >>> residual[:, :32] = 0.1 * np.random.default_rng(0).standard_normal((128, 32))
@@ -120,7 +121,9 @@ def noise_of_prediction(residual: np.ndarray, unseen: np.ndarray) -> float:
 
     squares, count = sums(unseen * residual.astype(np.float64) ** 2), sums(unseen)
     usable = count > 0
-    return _of_quietest(squares[usable], count[usable], LOW) if usable.sum() >= FEWEST else np.inf
+    if usable.sum() < FEWEST:
+        return np.inf
+    return _of_quietest(squares[usable], count[usable], max(TUNED.quantile, QUIET / usable.sum()))
 
 
 def _of_quietest(squares: np.ndarray, freedom: np.ndarray, quantile: float) -> float:

@@ -112,7 +112,7 @@ class WatchedSession(Session):
 
 
 @pytest.mark.parametrize("algorithm", ["gap", "plain-gap", "admm"])
-def test_the_second_half_of_the_calls_sees_all_pixels(panned, algorithm):
+def test_later_calls_see_all_pixels(panned, algorithm):
     masks, _ = panned
     notes = []
     given = {"algorithm": algorithm, "scene": "full", "init": "adjoint", "iterations": 10}
@@ -127,7 +127,7 @@ def test_a_solve_does_not_converge_before_it_has_seen_all_pixels(panned):
     result = pnp_sci.solve(measured(panned), masks, **OPTIONS, tol=1.0)
     plan = result.settings["plan"][0]
     assert result.status.name == "CONVERGED"
-    assert result.history[-1].iteration > (plan["serves"][-1]["from"] + plan["iterations"]) // 2
+    assert result.history[-1].iteration > (2 * plan["serves"][-1]["from"] + plan["iterations"]) // 3
 
 
 @pytest.mark.parametrize("sequence", [True, 3])
