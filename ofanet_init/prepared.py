@@ -96,9 +96,8 @@ def in_units_of(problem: Problem, video: torch.Tensor) -> np.ndarray:
 def _largest(problem: Problem) -> np.ndarray:
     """The largest mask value of each view, (V, 1, 1, 1); of views that are nearly dark that of all views."""
     largest = problem.op.masks.max((1, 2, 3), keepdims=True).astype(np.float32)
-    return (
-        np.where(largest < WEAKEST * largest.max(), largest.max(), largest) if largest.any() else np.ones_like(largest)
-    )
+    top = largest.max() or np.float32(1)
+    return np.where(largest < WEAKEST * top, top, largest)
 
 
 def projected(problem: Problem, video: np.ndarray) -> np.ndarray:
