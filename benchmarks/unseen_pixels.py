@@ -35,9 +35,8 @@ def scenes(side):
 @click.option("--prior", default="video", show_default=True)
 @click.option("--side", default=96, show_default=True)
 def main(prior, side):
-    print(
-        "| scene | noise | estimate | told | PSNR told the estimate (dB) | auto | told the noise |\n" + "|---" * 7 + "|"
-    )
+    print("| scene | noise | estimate | told | PSNR with the estimate (dB) | auto | with the true noise |")
+    print("|---" * 7 + "|")
     rows = {}
     for n, (name, frames) in enumerate(scenes(side)):
         truth = np.array(frames, np.float32)[None]

@@ -36,6 +36,15 @@ def names(channels: int, colour: bool) -> list[str]:
     return [f"view {view + 1} {c}" for view in range(channels // len(COLOURS)) for c in COLOURS]
 
 
+def are_views(named: Sequence[str]) -> bool:
+    """Whether :func:`names` calls views, or their colours, so.
+
+    >>> are_views(["view 1", "view 2"]), are_views(["DAPI", "GFP"])
+    (True, False)
+    """
+    return are_colours(named) or (bool(named) and list(named) == names(len(named), False))
+
+
 def are_colours(named: Sequence[str]) -> bool:
     """Whether :func:`names` calls the colours of views so.
 

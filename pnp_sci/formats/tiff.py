@@ -12,7 +12,7 @@ from typing import Any
 import numpy as np
 
 from pnp_sci.errors import FormatError, InputError
-from pnp_sci.formats.channels import are_colours, in_colour
+from pnp_sci.formats.channels import are_colours, are_views, in_colour
 from pnp_sci.formats.pictures import of_samples
 
 CODECS = "imagecodecs"  # the package that tifffile asks for where a compression is not its own
@@ -32,7 +32,7 @@ def load(path: Path, colour: bool = False) -> dict[str, np.ndarray]:
         arrays, names = [], _channels_of_ome(file)
         for series in file.series:
             array, axes = _samples_last(path, _values(path, series), series.axes, colour)
-            array = _views_first(array, axes, bool(names)) if file.is_ome else array
+            array = _views_first(array, axes, are_views(names)) if file.is_ome else array
             arrays.append(_of_channels(path, array, names, colour))
     if len(arrays) > 1 and arrays[0].ndim == 2 + colour and len({(a.shape, a.dtype) for a in arrays}) == 1:
         return {"array": np.stack(arrays)}
@@ -124,7 +124,7 @@ def _of_channels(path: Path, array: np.ndarray, names: list[str], colour: bool) 
 def _views_first(array: np.ndarray, axes: str, named: bool) -> np.ndarray:
     """Axes of OME such as TCYX or ZCYX as (views, frames, rows, columns); others as they are.
 
-    So is a stack with channels only, which may be one of planes, unless the channels are `named`.
+    So is a stack with channels only, which may be one of planes, unless the channels are `named` as views.
     """
     if (len(axes) < 4 and not named) or "C" not in axes or not set(axes) <= set("TZCYX"):
         return array

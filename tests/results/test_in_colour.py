@@ -101,6 +101,17 @@ def test_views_are_not_taken_for_colours(tmp_path):
         np.testing.assert_array_equal(io.read_video(tmp_path / name), video)
 
 
+@pytest.mark.parametrize("channels", [["DAPI", "GFP"], ["R", "G", "B"]])
+def test_channels_of_others_stay_planes(tmp_path, channels):
+    """A microscope names its channels too."""
+    tifffile = pytest.importorskip("tifffile")
+    planes = np.random.default_rng(0).random((len(channels), 8, 8)).astype(np.float32)
+    about = {"axes": "CYX", "Channel": {"Name": channels}}
+    tifffile.imwrite(tmp_path / "c.ome.tif", planes, metadata=about, photometric="minisblack")
+    np.testing.assert_array_equal(io.read_measurement(tmp_path / "c.ome.tif"), planes)
+    np.testing.assert_array_equal(io.read_masks(tmp_path / "c.ome.tif"), planes[None])
+
+
 def test_figures_and_notebooks():
     made = result(2)
     assert len(made.plot(reference=made.x).axes) == 2 * 2 * 2 * 3
