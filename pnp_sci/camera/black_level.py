@@ -24,13 +24,13 @@ def black_level(model: LocalModel, fit: LocalFit) -> tuple[float, float]:
     if not model.tells_light:
         return 0.0, float("inf")
     mean, light, weight = _blocks(model.measurements, fit)
-    if mean.size < 3:
+    if mean.shape[1] < 3:
         return 0.0, float("inf")
     (start, slope), errors = straight_line(mean, light, weight)
     if abs(slope - 1) > CHANCE * float(np.sqrt(errors[1, 1])) and slope > 0:
         along = np.array([-1 / slope, start / slope**2])  # of -start / slope
         return -start / slope, float(np.sqrt(along @ errors @ along))
-    level, error = least_squares(np.ones((mean.size, 1)), mean - light, weight)
+    level, error = least_squares(np.ones((*mean.shape, 1)), mean - light, weight)
     return float(level[0]), float(np.sqrt(error[0, 0]))
 
 
@@ -45,7 +45,7 @@ def light_against_mean(model: LocalModel, fit: LocalFit) -> tuple[float, float]:
 
 
 def _blocks(measurements: np.ndarray, fit: LocalFit) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Of each block of each measurement: the mean of y, the light that the fit tells of, and the weight of that."""
+    """Of each measurement and block: the mean of y, the light that the fit tells of, and the weight of that, (N, K)."""
     coefficients = fit.design.shape[-1]
     there = fit.usable.sum(1) > coefficients
     usable = fit.usable[there]
@@ -57,4 +57,4 @@ def _blocks(measurements: np.ndarray, fit: LocalFit) -> tuple[np.ndarray, np.nda
     spread = (fit.residual[:, there] ** 2).sum(-1) / (pixels - coefficients)
     variance = spread * np.einsum("kq,kqr,kr->k", means, fit.inverse[there], means)
     weight = 1 / (variance + FLOOR * np.median(variance) + np.finfo(float).tiny)
-    return mean.ravel(), light.ravel(), weight.ravel()
+    return mean, light, weight

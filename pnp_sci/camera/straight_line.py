@@ -6,18 +6,26 @@ import numpy as np
 
 
 def straight_line(x: np.ndarray, y: np.ndarray, weight: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """The line of y (K,) against x: its value at 0 and its slope, and their covariance (2, 2)."""
+    """The line of y (..., K) against x: its value at 0 and its slope, and their covariance (2, 2)."""
     return least_squares(np.stack([np.ones_like(x), x], -1), y, weight)
 
 
 def least_squares(design: np.ndarray, y: np.ndarray, weight: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """Coefficients of a weighted least-squares fit and their covariance, robust against wrong weights and few blocks.
 
-    The covariance is HC3 of MacKinnon & White (1985): each residual is divided by one less its leverage.
+    `design` is (..., K, P), `y` and `weight` (..., K), all at least of the length K of the independent blocks: values of
+    the same block, such as those of several measurements, may depend on each other. The covariance is CR3 of Bell &
+    McCaffrey (2002): the residuals of a block are multiplied by the inverse of ``1 - leverage``. With one value a block it
+    is HC3 of MacKinnon & White (1985).
     """
-    inverse = np.linalg.pinv(design.T @ (design * weight[:, None]))
-    coefficients = inverse @ (design.T @ (weight * y))
-    leverage = weight * np.einsum("ki,ij,kj->k", design, inverse, design)
-    residual = (y - design @ coefficients) / np.maximum(1 - leverage, np.finfo(float).eps)
-    scores = design * (weight * residual)[:, None]
+    blocks = design.shape[-2]
+    root = np.sqrt(weight).reshape(-1, blocks).T  # (K, N)
+    rows = np.moveaxis(design.reshape(-1, *design.shape[-2:]), 1, 0) * root[..., None]  # (K, N, P)
+    values = y.reshape(-1, blocks).T * root
+    inverse = np.linalg.pinv(np.einsum("kni,knj->ij", rows, rows))
+    coefficients = inverse @ np.einsum("kni,kn->i", rows, values)
+    residual = values - rows @ coefficients
+    away = np.eye(rows.shape[1]) - rows @ inverse @ rows.transpose(0, 2, 1)  # 1 - leverage, (K, N, N)
+    alone = (np.linalg.pinv(away, hermitian=True) @ residual[..., None])[..., 0]
+    scores = np.einsum("kni,kn->ki", rows, alone)
     return coefficients, inverse @ (scores.T @ scores) @ inverse

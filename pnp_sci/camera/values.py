@@ -29,13 +29,14 @@ def unlike(y, weight, hot, dead, good) -> list[Finding]:
     others = good & ~hot & ~dead
     level = expected(y, weight, others)
     light = float(np.sum(np.square(y), where=others))
-    hint = 'bad="auto" leaves them out, or bad= a picture of the bad pixels'
+    leave = 'bad="auto" leaves them out, or bad= a picture of the bad pixels'
+    hints = {"hot": f"{leave}; points of light of one or two pixels look alike, and are lost by that", "dead": leave}
     found = []
     for kind, where, how in (("hot", hot, "much brighter"), ("dead", dead, "much darker")):
         if float(np.sum(np.square(y - level), where=where)) > HARMFUL[kind] * light:
             count = int(where.sum())
             text = f"{count} pixel{'s are' if count > 1 else ' is'} {how} than masks and neighbours allow"
-            found.append(Finding(kind, text, hint))
+            found.append(Finding(kind, text, hints[kind]))
     return found
 
 

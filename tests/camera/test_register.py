@@ -5,9 +5,11 @@ import json
 import numpy as np
 import pytest
 from moved import moved, seen_through
+from scipy.ndimage import gaussian_filter
 
 import pnp_sci
 from pnp_sci import io
+from pnp_sci.camera.straight_line import straight_line
 from pnp_sci.errors import InputError, InputTypeError
 
 SIZE = 96
@@ -201,3 +203,26 @@ def test_the_corrected_masks_can_be_saved(scene, tmp_path):
     assert rows[:, 0] == pytest.approx([transform.rows for transform in found.transforms])
     described = json.loads(json.dumps(found.describe()))
     assert described["transforms"][1]["rows"] == found.transforms[1].rows
+
+
+@pytest.mark.parametrize("black", [0, 0.05])
+def test_measurements_alike_count_as_one_for_the_black_level(black):
+    """Of the same scene eight measurements have the same errors, so that they tell no more than one."""
+    for seed in (0, 3, 11):
+        picture = gaussian_filter(np.random.default_rng(seed).random((96, 96)), 1.5)
+        truth = np.tile((picture - picture.min()) / np.ptp(picture), (1, 8, 1, 1)).astype(np.float32)
+        masks = pnp_sci.random_masks(truth.shape, seed=seed)
+        y = np.stack([pnp_sci.simulate(truth, masks, 0.005, seed=n) for n in range(8)])
+        found = pnp_sci.register(y + black * y.max(), masks).black_level / y.max()
+        assert abs(found - black) < 0.005
+
+
+def test_values_of_one_block_may_depend_on_each_other():
+    random = np.random.default_rng(0)
+    x, weight = random.random(20), 1 + random.random(20)
+    y = 1 + 2 * x + 0.1 * random.standard_normal(20)
+    line, errors = straight_line(x, y, weight)
+    again, errors_again = straight_line(*(np.tile(a, (5, 1)) for a in (x, y, weight)))
+    np.testing.assert_allclose(again, line, rtol=1e-10)
+    np.testing.assert_allclose(errors_again, errors, rtol=1e-10)
+    np.testing.assert_allclose(line, [1, 2], atol=3 * np.sqrt(errors.max()))
