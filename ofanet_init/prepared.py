@@ -9,6 +9,7 @@ from typing import Any
 
 import numpy as np
 import torch
+from scipy.ndimage import distance_transform_edt
 
 from ofanet_init import files as _weights
 from ofanet_init.places import placed, places, taken
@@ -16,6 +17,7 @@ from pnp_sci._tuned import Tuned
 from pnp_sci.accel.inference import ready
 from pnp_sci.errors import InputError
 from pnp_sci.pipeline.blend import TUNED as BLEND
+from pnp_sci.sensing.operator import SensingOperator
 from pnp_sci.sensing.problem import Problem
 
 
@@ -76,13 +78,26 @@ def tensors(
 ) -> tuple[torch.Tensor, torch.Tensor]:
     """Measurement (1, H, W) and masks (1, V, B, H, W), or some rows of them, in the units of the training clips.
 
-    V and B are those of the network. The largest mask value of each view is 1, unless it is nearly dark.
+    V and B are those of the network. The largest mask value of each view is 1, unless it is nearly dark. Pixels that
+    the masks leave closed have the measurement and the masks of the nearest open ones: no network was trained to see
+    closed regions, and what it makes of them may explode.
     """
     largest = _largest(problem)
-    coded = problem.op.masks[:, :, rows].astype(np.float32) / largest
+    y, coded = _opened(problem.y, problem.op)
+    coded = coded[:, :, rows].astype(np.float32) / largest
     masks = torch.from_numpy(placed(coded, network.config.views, network.config.frames))[None]
-    y = torch.from_numpy((problem.y[rows] * (TUNED.brightness / largest.max())).astype(np.float32))[None]
+    y = torch.from_numpy((y[rows] * (TUNED.brightness / largest.max())).astype(np.float32))[None]
     return y.to(device), masks.to(device)
+
+
+def _opened(y: np.ndarray, op: SensingOperator) -> tuple[np.ndarray, np.ndarray]:
+    """y (H, W) and masks (V, B, H, W), at closed pixels those of the nearest open one."""
+    closed = op.closed
+    if not closed.any() or closed.all():
+        return y, op.masks
+    nearest = distance_transform_edt(closed, return_distances=False, return_indices=True)
+    rows, columns = nearest  # type: ignore[misc]
+    return y[rows, columns], op.masks[:, :, rows, columns]
 
 
 def in_units_of(problem: Problem, video: torch.Tensor) -> np.ndarray:

@@ -15,6 +15,7 @@ from pnp_sci.pipeline.measurement import counts, put
 from pnp_sci.pipeline.provenance import provenance
 from pnp_sci.pipeline.request import as_plain
 from pnp_sci.pipeline.solve import solve_all
+from pnp_sci.pipeline.start import exploded
 from pnp_sci.plugins.mosaic import decoded
 from pnp_sci.plugins.resolve import decoder_for
 from pnp_sci.results.history import History, Record, Status
@@ -192,6 +193,8 @@ def decode(
         problems.append(problem)
         at_rest = {"at_rest": [None] * op.shape[0]}
         scenes.append(given.found(chosen.describe(op) | at_rest | counts(problem), fits[n]))
+        if statuses[-1].ok and (why := exploded(x, problem)):
+            scenes[-1]["remarks"].append(f"what the decoder makes of y {why}: do not trust it")
     videos = given.shown(videos)
     return Result(
         videos if np.ndim(y) == 3 else videos[0],

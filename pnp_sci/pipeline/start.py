@@ -95,16 +95,12 @@ def first_estimate(
 
 
 def _decoded(name: str, problem: Problem, scene: SceneModel, device: str | None, deadline: float | None) -> Start:
-    """What the decoder of this name makes, or "adjoint" where it would miss the deadline or cannot be trusted.
-
-    A network that sees what it was not trained for, such as points of light ten times as bright as the rest, may make
-    large values of either sign. They cancel each other in y, so that no residual tells.
-    """
+    """What the decoder of this name makes, or "adjoint" where it would miss the deadline or explodes."""
     known = decoder_for("init", name, {}, device)
 
     def decoder(problem: Problem, scene: SceneModel) -> np.ndarray:
-        """With pixels filled that no mask opens to: a decoder cannot see them, and a solver takes long to fill them."""
-        seen = (problem.op.gram > 0).astype(problem.op.dtype)
+        """With closed pixels filled: a decoder cannot see them, and a solver takes long to fill them."""
+        seen = (~problem.op.closed).astype(problem.op.dtype)
         return filled(_checked(known(problem, scene), problem) * seen, seen)
 
     def decode(problem: Problem, scene: SceneModel) -> np.ndarray:
@@ -121,19 +117,26 @@ def _decoded(name: str, problem: Problem, scene: SceneModel, device: str | None,
     if key in _warm:
         _learn(key, lasted / size)
     _warm.add(key)
-    if (excess := _excess(x, problem)) > CANCELS:
-        remark = (
-            f"init: what {name!r} makes of y cancels itself ({excess:.3g} times as much light): 'adjoint' was taken"
-        )
+    if why := exploded(x, problem):
+        remark = f"init: what {name!r} makes of y {why}: 'adjoint' was taken"
         return Start("adjoint", level(problem.op, problem.y), remarks=[remark])
     return Start(name, x, decoded=True)
 
 
-def _excess(x: np.ndarray, problem: Problem) -> float:
-    """What the magnitudes of x measure, in units of what x does; 1 if a mask is negative."""
-    if problem.op.masks.min() < 0:
-        return 1.0
-    return length(problem.op.forward(np.abs(x))) / (length(problem.op.forward(x)) or 1.0)
+def exploded(x: np.ndarray, problem: Problem) -> str:
+    """How an estimate x shows that it is not of y, in words; "" if it does not.
+
+    A network that sees what it was not trained for, such as points of light ten times as bright as the rest, may make
+    large values of either sign. They cancel each other in y, or leave more of it than a video of zeros does.
+    """
+    light = problem.op.forward(x)
+    left = length(missing(problem.y - light, problem.saturated)) / (length(problem.y) or 1.0)
+    if left > 1:
+        return f"leaves {left:.3g} times y as residual"
+    excess = length(problem.op.forward(np.abs(x))) / (length(light) or 1.0)
+    if excess > CANCELS and problem.op.masks.min() >= 0:
+        return f"cancels itself ({excess:.3g} times as much light)"
+    return ""
 
 
 def _needed(key: Hashable, decode: Decode, problem: Problem, scene: SceneModel, deadline: float) -> float:

@@ -6,16 +6,20 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
+from scipy.ndimage import binary_opening, gaussian_filter
 
 from pnp_sci._tuned import Tuned
 from pnp_sci._validate import require_finite, shaped
 from pnp_sci.errors import InputTypeError
-from pnp_sci.sensing.operator import SensingOperator
+from pnp_sci.sensing.operator import DIMMEST, SensingOperator
 
 BLOCK = 8  # pixels per side of a block
 WIDE = 16  # pixels per side of a block in which only unseen pixels count
 QUIET = 6  # such blocks, at least, that decide: fewer may have small errors by chance
 FEWEST = 16  # blocks for an estimate
+LATTICE = 2**15  # pixels, at most, that tell how bright frames are
+RIDGE = 1e-3  # of the mean square: where masks hardly differ, frames are equally bright
+REGION = 5  # pixels a side: sparse masks leave smaller regions closed, which tell the noise
 
 
 @dataclass(frozen=True)
@@ -47,7 +51,8 @@ def estimate_noise(
     saturated : ndarray of bool, (H, W), optional
         Blocks with a saturated pixel are not used.
     bad : ndarray of bool, (H, W), optional
-        Pixels that are not used. Blocks with fewer than twice as many good pixels as coefficients are not used.
+        Pixels that are not used, nor are closed regions of 5 x 5 pixels and more, where there may be no noise
+        either. Blocks with fewer than twice as many other pixels as coefficients are not used.
 
     Returns
     -------
@@ -69,37 +74,61 @@ def estimate_noise(
     """
     if not isinstance(op, SensingOperator):
         raise InputTypeError(f"op is {type(op).__name__}: a SensingOperator was expected, as SensingOperator(masks) is")
-    views, frames, rows, columns = op.shape
-    y = shaped("y", y, (rows, columns), np.dtype(np.float64))
+    views, frames, *picture = op.shape
+    y = shaped("y", y, tuple(picture), np.dtype(np.float64))
     require_finite("y", y)
     saturated, bad = (
         None if pixels is None else shaped(name, pixels, y.shape, np.dtype(bool))
         for name, pixels in (("saturated", saturated), ("bad", bad))
     )
-    good = np.ones((rows // BLOCK) * (columns // BLOCK), int) * BLOCK * BLOCK if bad is None else blocks(~bad).sum(1)
-    freedom = good - 4 * views
-    usable = freedom >= (1 if bad is None else 4 * views)
+    used = ~binary_opening(op.closed, np.ones((REGION, REGION)))
+    if bad is not None:
+        used &= ~bad
+    freedom = blocks(used).sum(1) - 4 * views
+    usable = freedom >= (1 if used.all() else 4 * views)
     if saturated is not None:
         usable &= ~blocks(saturated).any(1)
     if usable.sum() < FEWEST:
         return 0.0
+    lights = np.ones((views, frames)), _light(op, y, used)
+    return min(_of_quietest(_left_over(op, y, used, light)[usable], freedom[usable], TUNED.quantile) for light in lights)
+
+
+def _left_over(op: SensingOperator, y: np.ndarray, used: np.ndarray, light: np.ndarray) -> np.ndarray:
+    """The sum of squares in each block that the model leaves, with frames as bright as `light` (V, B)."""
     right, down = (t.reshape(-1) for t in np.meshgrid(*[np.linspace(-0.5, 0.5, BLOCK)] * 2))
-    time = np.linspace(-1, 1, frames) if frames > 1 else np.zeros(1)
+    time = np.linspace(-1, 1, op.shape[1]) if op.shape[1] > 1 else np.zeros(1)
     terms = []
-    for masks in op.masks:
-        total = blocks(masks.sum(0, dtype=np.float64))
-        drift = blocks(np.einsum("b,bij->ij", time, masks))  # tensordot would start BLAS threads
+    for masks, bright in zip(op.masks, light):
+        total = blocks(np.einsum("b,bij->ij", bright, masks))  # tensordot would start BLAS threads
+        drift = blocks(np.einsum("b,bij->ij", bright * time, masks))
         terms += [total, total * down, total * right, drift]
-    model = np.stack(terms, axis=-1)
-    values = blocks(y)
-    if bad is not None:
-        model, values = model * ~blocks(bad)[..., None], values * ~blocks(bad)
+    counted = blocks(used)
+    model, values = np.stack(terms, axis=-1) * counted[..., None], blocks(y) * counted
     normal = model.transpose(0, 2, 1) @ model
     ridge = 1e-9 * np.trace(normal, axis1=1, axis2=2)[:, None, None] + np.finfo(float).tiny
     product = np.einsum("kpi,kp->ki", model, values)
     fit = np.linalg.solve(normal + ridge * np.eye(model.shape[-1]), product[..., None])[..., 0]
-    left_over = ((values - np.einsum("kpi,ki->kp", model, fit)) ** 2).sum(1)
-    return _of_quietest(left_over[usable], freedom[usable], TUNED.quantile)
+    return ((values - np.einsum("kpi,ki->kp", model, fit)) ** 2).sum(1)
+
+
+def _light(op: SensingOperator, y: np.ndarray, used: np.ndarray) -> np.ndarray:
+    """How bright each frame is, (V, B), in units of the mean: 1 unless all of a view flickers.
+
+    By least squares y is the sum of the masks times these times a smooth picture, on a lattice of pixels.
+    """
+    views, frames = op.shape[:2]
+    total = op.masks.sum((0, 1), dtype=np.float64) * used
+    near, opened = (gaussian_filter(a, WIDE / 2, mode="nearest") for a in (y * used, total))
+    picture = np.divide(near, opened, out=np.zeros_like(near), where=opened > DIMMEST * opened.max())
+    step = max(1, int(np.sqrt(y.size / LATTICE)))
+    lattice = (slice(step // 2, None, step),) * 2
+    terms = (op.masks[(..., *lattice)] * (picture * used)[lattice]).reshape(views * frames, -1)
+    normal = np.einsum("fp,gp->fg", terms, terms)
+    ridge = RIDGE * np.trace(normal) / len(normal) + np.finfo(float).tiny
+    missing = (y * used)[lattice].ravel() - terms.sum(0)
+    change = np.linalg.solve(normal + ridge * np.eye(len(normal)), np.einsum("fp,p->f", terms, missing))
+    return 1 + change.reshape(views, frames)
 
 
 def noise_of_prediction(residual: np.ndarray, unseen: np.ndarray) -> float:

@@ -13,6 +13,7 @@ from pnp_sci.errors import InputError, InputTypeError
 if TYPE_CHECKING:
     from scipy.sparse.linalg import LinearOperator
 
+DIMMEST = 0.05  # light of a pixel, in units of the mean one, below which it counts as closed
 
 def as_masks(masks: Any, dtype: np.dtype | None = None) -> np.ndarray:
     """Masks as a C-ordered array (V, B, H, W) of native byte order.
@@ -117,6 +118,11 @@ class SensingOperator:
         total = np.empty(self.shape[2] * self.shape[3], self.dtype)
         _kernels.gram(self._planes, total)
         return total.reshape(self.shape[2:])
+
+    @property
+    def closed(self) -> np.ndarray:
+        """Pixels (H, W), bool, that get less than 5 % of the mean light: beside a stop, or where every mask is 0."""
+        return self.gram <= DIMMEST**2 * self.gram.mean(dtype=np.float64)
 
     def forward(self, x: Any, out: np.ndarray | None = None) -> np.ndarray:
         """Phi x: the measurement (H, W) of a video (V, B, H, W)."""

@@ -96,15 +96,27 @@ class Network(nn.Module):
     def forward(self, x: torch.Tensor, level: torch.Tensor) -> torch.Tensor:
         """Noise of frames x (N, H, W), float32; `level` is its standard deviation in each pixel, of the same shape."""
         height, width = x.shape[1:]
-        h, skips = self._see(self._pad(x), self._pad(level)), []
+        blocks = F.pixel_unshuffle(self._pad(x)[:, None], 2), F.avg_pool2d(self._pad(level)[:, None], 2)
+        noise = F.pixel_shuffle(self.of_blocks(torch.cat(blocks, 1)), 2)[:, 0, :height, :width]
+        return torch.minimum(torch.maximum(noise, -LIMIT * level), LIMIT * level)
+
+    def of_blocks(self, seen: torch.Tensor) -> torch.Tensor:
+        """Noise (N, 4, h, w) of blocks of 2 x 2 pixels, not clipped; `seen` (N, 5, h, w) is these and their level.
+
+        The first layer is computed in float32: in bfloat16 a value of 0.9 has a rounding error of up to 0.002, which
+        is comparable to weak noise.
+        """
+        device = seen.device.type
+        with torch.autocast(device, enabled=False):
+            h = self.head(seen.contiguous(memory_format=torch.channels_last))
+        h, skips = h.to(torch.get_autocast_dtype(device)) if torch.is_autocast_enabled(device) else h, []
         for blocks, shrink in zip(self.down, self.shrink):
             skips.append(blocks(h))
             h = shrink(skips[-1])
         h = self.down[-1](h)
         for blocks, grow in zip(reversed(self.up), reversed(self.grow)):
             h = blocks(skips.pop() + grow(h))
-        noise = F.pixel_shuffle(self.tail(h).float(), 2)[:, 0, :height, :width]
-        return torch.minimum(torch.maximum(noise, -LIMIT * level), LIMIT * level)
+        return self.tail(h).float()
 
     def _pad(self, x: torch.Tensor) -> torch.Tensor:
         """Pad the last two dimensions, of any size, to the next multiple by reflection."""
@@ -114,14 +126,3 @@ class Network(nn.Module):
                 padded = torch.arange(-(-size // multiple) * multiple, device=x.device)
                 x = x.index_select(axis, reflected(padded, size))
         return x
-
-    def _see(self, x: torch.Tensor, level: torch.Tensor) -> torch.Tensor:
-        """First layer, in float32: frames and noise level.
-
-        In bfloat16 a value of 0.9 has a rounding error of up to 0.002, which is comparable to weak noise.
-        """
-        device = x.device.type
-        seen = torch.cat([F.pixel_unshuffle(x[:, None], 2), F.avg_pool2d(level[:, None], 2)], 1)
-        with torch.autocast(device, enabled=False):
-            h = self.head(seen.contiguous(memory_format=torch.channels_last))
-        return h.to(torch.get_autocast_dtype(device)) if torch.is_autocast_enabled(device) else h

@@ -192,6 +192,23 @@ def test_frames_are_turned_and_mirrored_for_the_network_and_turned_back(weights)
     assert len({out.tobytes() for out in seen}) == 8
 
 
+@pytest.mark.parametrize("shape", [(3, 32, 48), (2, 21, 37), (1, 5, 3)])
+@pytest.mark.parametrize("turn", range(8))
+def test_arrays_and_tensors_have_the_noise_of_the_network(shape, turn, weights, monkeypatch):
+    """On a CPU kernels make the input of the network and its output; training and GPUs have it whole."""
+    monkeypatch.setattr(inference, "half_precision", lambda _: False)
+    runner._opened.cache_clear()
+    run = runner.opened(weights / "video", "video", None)
+    x, level = noise(shape), np.float32(0.05) + np.abs(noise(shape))
+    with inference.running(run.device):
+        seen = (runner.turned(torch.from_numpy(a), turn) for a in (x, level))
+        whole = runner.turned(run.network(*seen), turn, back=True).numpy()
+    assert whole.std() > 1e-3
+    np.testing.assert_allclose(run.noise(x, level, turn), whole, atol=1e-5)
+    np.testing.assert_allclose(run.noise(torch.from_numpy(x), torch.from_numpy(level), turn), whole, atol=1e-5)
+    runner._opened.cache_clear()
+
+
 def test_long_clips_go_in_pieces(net, monkeypatch):
     x = noise((2, 30, 16, 16))
     whole = net(x, 0.1)
