@@ -14,8 +14,9 @@ def least_squares(design: np.ndarray, y: np.ndarray, weight: np.ndarray) -> tupl
     """Coefficients of a weighted least-squares fit and their covariance, robust against wrong weights and few blocks.
 
     `design` is (..., K, P), `y` and `weight` (..., K) of K independent blocks: values of one block, such as those of
-    several measurements, may depend on each other. The covariance is CR3 of Bell & McCaffrey (2002): the residuals of a
-    block are multiplied by the inverse of ``1 - leverage``. With one value a block it is HC3 of MacKinnon & White (1985).
+    several measurements, may depend on each other. The covariance is CR3 of Bell & McCaffrey (2002): the residuals of
+    a block are multiplied by the inverse of ``1 - leverage``. With one value a block it is HC3 of MacKinnon & White
+    (1985).
     """
     blocks = design.shape[-2]
     root = np.sqrt(weight).reshape(-1, blocks).T  # (K, N)

@@ -81,7 +81,7 @@ def estimate_noise(
         None if pixels is None else shaped(name, pixels, y.shape, np.dtype(bool))
         for name, pixels in (("saturated", saturated), ("bad", bad))
     )
-    used = ~binary_opening(op.closed, np.ones((REGION, REGION)))
+    used = np.logical_not(binary_opening(op.closed, np.ones((REGION, REGION))))
     if bad is not None:
         used &= ~bad
     freedom = blocks(used).sum(1) - 4 * views
@@ -91,7 +91,8 @@ def estimate_noise(
     if usable.sum() < FEWEST:
         return 0.0
     lights = np.ones((views, frames)), _light(op, y, used)
-    return min(_of_quietest(_left_over(op, y, used, light)[usable], freedom[usable], TUNED.quantile) for light in lights)
+    left_over = (_left_over(op, y, used, light)[usable] for light in lights)
+    return min(_of_quietest(squares, freedom[usable], TUNED.quantile) for squares in left_over)
 
 
 def _left_over(op: SensingOperator, y: np.ndarray, used: np.ndarray, light: np.ndarray) -> np.ndarray:

@@ -15,6 +15,7 @@ if TYPE_CHECKING:
 
 DIMMEST = 0.05  # light of a pixel, in units of the mean one, below which it counts as closed
 
+
 def as_masks(masks: Any, dtype: np.dtype | None = None) -> np.ndarray:
     """Masks as a C-ordered array (V, B, H, W) of native byte order.
 

@@ -170,3 +170,24 @@ def test_a_view_that_is_nearly_dark_is_not_scaled_up_without_limit(embedded):
     masks = moving_masks(embedded.shape, seed=11).astype(np.float32)
     masks[1] *= 0.005
     assert np.abs(decoded(embedded, masks)[1]).max() < 3
+
+
+@pytest.mark.parametrize("model", ["ofanet-fast", "ofanet", "unet", "admm-net", "birnat"])
+@pytest.mark.parametrize("leak", [0, 0.002])
+def test_what_a_stop_leaves_open_is_decoded_as_well(embedded, model, leak):
+    """No network was trained to see closed regions: some made 1e4 of them."""
+    masks = moving_masks(embedded.shape, seed=11).astype(np.float32)
+    stopped = masks.copy()
+    stopped[..., 20:60, 30:80] *= leak
+    stopped[..., :8] *= leak
+    seen = stopped.max((0, 1)) == 1
+    whole, opened = (decoded(embedded, m, model)[..., seen] for m in (masks, stopped))
+    usual, now = (pnp_sci.psnr(x[:, :, None], embedded[..., seen][:, :, None]).mean() for x in (whole, opened))
+    print(f"{model} {usual:.2f} dB, {now:.2f} dB")
+    assert now > usual - 1.5
+
+
+@pytest.mark.parametrize("model", ["ofanet-fast", "unet"])
+def test_sparse_masks_are_decoded(embedded, model):
+    masks = random_masks(embedded.shape, 0.05, seed=11)
+    assert pnp_sci.psnr(decoded(embedded, masks, model), embedded).mean() > 16

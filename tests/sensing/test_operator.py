@@ -278,3 +278,15 @@ def test_projection_with_a_weight_for_each_pixel():
         op.project(x, y, rho[1:])
     with pytest.raises(InputError, match="rho is -1"):
         op.project(x, y, rho - 1 - rho)
+
+
+def test_pixels_with_hardly_any_light_are_closed():
+    masks = np.ones((2, 3, 4, 5))
+    masks[..., 0, :] = 0
+    masks[..., 1, 2] = 0.01
+    masks[..., 1, 3] = 0.1
+    closed = SensingOperator(masks).closed
+    assert closed[0].all()
+    assert closed[1].tolist() == [False, False, True, False, False]
+    assert not closed[2:].any()
+    assert SensingOperator(0 * masks).closed.all()
