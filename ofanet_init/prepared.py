@@ -78,24 +78,24 @@ def tensors(
 ) -> tuple[torch.Tensor, torch.Tensor]:
     """Measurement (1, H, W) and masks (1, V, B, H, W), or some rows of them, in the units of the training clips.
 
-    V and B are those of the network. The largest mask value of each view is 1, unless it is nearly dark. Pixels that
-    the masks leave closed have the measurement and the masks of the nearest open ones: no network was trained to see
-    closed regions, and what it makes of them may explode.
+    V and B are those of the network. The largest mask value of each view is 1, unless it is nearly dark. Unlit pixels
+    have the measurement and the masks of the nearest lit ones: no network was trained to see dark regions, and what it
+    makes of them may explode.
     """
     largest = _largest(problem)
-    y, coded = _opened(problem.y, problem.op)
+    y, coded = _lit(problem.y, problem.op)
     coded = coded[:, :, rows].astype(np.float32) / largest
     masks = torch.from_numpy(placed(coded, network.config.views, network.config.frames))[None]
     y = torch.from_numpy((y[rows] * (TUNED.brightness / largest.max())).astype(np.float32))[None]
     return y.to(device), masks.to(device)
 
 
-def _opened(y: np.ndarray, op: SensingOperator) -> tuple[np.ndarray, np.ndarray]:
-    """y (H, W) and masks (V, B, H, W), at closed pixels those of the nearest open one."""
-    closed = op.closed
-    if not closed.any() or closed.all():
+def _lit(y: np.ndarray, op: SensingOperator) -> tuple[np.ndarray, np.ndarray]:
+    """y (H, W) and masks (V, B, H, W), at unlit pixels those of the nearest lit one."""
+    unlit = op.unlit
+    if not unlit.any() or unlit.all():
         return y, op.masks
-    nearest = distance_transform_edt(closed, return_distances=False, return_indices=True)
+    nearest = distance_transform_edt(unlit, return_distances=False, return_indices=True)
     rows, columns = nearest  # type: ignore[misc]
     return y[rows, columns], op.masks[:, :, rows, columns]
 

@@ -99,8 +99,8 @@ def _decoded(name: str, problem: Problem, scene: SceneModel, device: str | None,
     known = decoder_for("init", name, {}, device)
 
     def decoder(problem: Problem, scene: SceneModel) -> np.ndarray:
-        """With closed pixels filled: a decoder cannot see them, and a solver takes long to fill them."""
-        seen = (~problem.op.closed).astype(problem.op.dtype)
+        """With unlit pixels filled: a decoder cannot see them, and a solver takes long to fill them."""
+        seen = (~problem.op.unlit).astype(problem.op.dtype)
         return filled(_checked(known(problem, scene), problem) * seen, seen)
 
     def decode(problem: Problem, scene: SceneModel) -> np.ndarray:

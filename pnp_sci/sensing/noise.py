@@ -19,7 +19,7 @@ QUIET = 6  # such blocks, at least, that decide: fewer may have small errors by 
 FEWEST = 16  # blocks for an estimate
 LATTICE = 2**15  # pixels, at most, that tell how bright frames are
 RIDGE = 1e-3  # of the mean square: where masks hardly differ, frames are equally bright
-REGION = 5  # pixels a side: sparse masks leave smaller regions closed, which tell the noise
+REGION = 5  # pixels a side: sparse masks leave smaller regions unlit, which tell the noise
 
 
 @dataclass(frozen=True)
@@ -51,7 +51,7 @@ def estimate_noise(
     saturated : ndarray of bool, (H, W), optional
         Blocks with a saturated pixel are not used.
     bad : ndarray of bool, (H, W), optional
-        Pixels that are not used, nor are closed regions of 5 x 5 pixels and more, where there may be no noise
+        Pixels that are not used, nor are unlit regions of 5 x 5 pixels and more, where there may be no noise
         either. Blocks with fewer than twice as many other pixels as coefficients are not used.
 
     Returns
@@ -81,7 +81,7 @@ def estimate_noise(
         None if pixels is None else shaped(name, pixels, y.shape, np.dtype(bool))
         for name, pixels in (("saturated", saturated), ("bad", bad))
     )
-    used = np.logical_not(binary_opening(op.closed, np.ones((REGION, REGION))))
+    used = np.logical_not(binary_opening(op.unlit, np.ones((REGION, REGION))))
     if bad is not None:
         used &= ~bad
     freedom = blocks(used).sum(1) - 4 * views

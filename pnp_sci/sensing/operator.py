@@ -13,7 +13,7 @@ from pnp_sci.errors import InputError, InputTypeError
 if TYPE_CHECKING:
     from scipy.sparse.linalg import LinearOperator
 
-DIMMEST = 0.05  # light of a pixel, in units of the mean one, below which it counts as closed
+DIMMEST = 0.05  # light of a pixel, in units of the mean one, below which it counts as unlit
 
 
 def as_masks(masks: Any, dtype: np.dtype | None = None) -> np.ndarray:
@@ -121,7 +121,7 @@ class SensingOperator:
         return total.reshape(self.shape[2:])
 
     @property
-    def closed(self) -> np.ndarray:
+    def unlit(self) -> np.ndarray:
         """Pixels (H, W), bool, that get less than 5 % of the mean light: beside a stop, or where every mask is 0."""
         return self.gram <= DIMMEST**2 * self.gram.mean(dtype=np.float64)
 

@@ -270,13 +270,13 @@ def level(op: SensingOperator, y: np.ndarray) -> np.ndarray:
     """The initial estimate "adjoint", (V, B, H, W): the same picture in each frame of each view.
 
     The picture is ``S y / (S^2 + gram / 4)``, where S is the sum of the masks: a regularised least-squares estimate of
-    a level common to all frames. Closed pixels get the mean of their neighbours. Consecutive
+    a level common to all frames. Unlit pixels get the mean of their neighbours. Consecutive
     measurements y (N, H, W) have one picture each.
     """
     if y.ndim == 3:
         return joined([level(part, picture) for part, picture in zip(op.parts, y)])
     total = op.masks.sum((0, 1), dtype=op.dtype)
-    common = filled(total * y * ~op.closed, (total**2 + op.gram / 4) * ~op.closed)
+    common = filled(total * y * ~op.unlit, (total**2 + op.gram / 4) * ~op.unlit)
     return np.broadcast_to(common, op.shape).copy()
 
 

@@ -175,7 +175,7 @@ def test_a_view_that_is_nearly_dark_is_not_scaled_up_without_limit(embedded):
 @pytest.mark.parametrize("model", ["ofanet-fast", "ofanet", "unet", "admm-net", "birnat"])
 @pytest.mark.parametrize("leak", [0, 0.002])
 def test_what_a_stop_leaves_open_is_decoded_as_well(embedded, model, leak):
-    """No network was trained to see closed regions: some made 1e4 of them."""
+    """No network was trained to see dark regions: some made 1e4 of them."""
     masks = moving_masks(embedded.shape, seed=11).astype(np.float32)
     stopped = masks.copy()
     stopped[..., 20:60, 30:80] *= leak

@@ -1,4 +1,4 @@
-"""The noise of a measurement, from its flattest blocks: closed regions and frames that differ in brightness."""
+"""The noise of a measurement, from its flattest blocks: unlit regions and frames that differ in brightness."""
 
 import numpy as np
 import pytest

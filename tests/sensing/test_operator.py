@@ -280,13 +280,13 @@ def test_projection_with_a_weight_for_each_pixel():
         op.project(x, y, rho - 1 - rho)
 
 
-def test_pixels_with_hardly_any_light_are_closed():
+def test_pixels_with_hardly_any_light_are_unlit():
     masks = np.ones((2, 3, 4, 5))
     masks[..., 0, :] = 0
     masks[..., 1, 2] = 0.01
     masks[..., 1, 3] = 0.1
-    closed = SensingOperator(masks).closed
-    assert closed[0].all()
-    assert closed[1].tolist() == [False, False, True, False, False]
-    assert not closed[2:].any()
-    assert SensingOperator(0 * masks).closed.all()
+    unlit = SensingOperator(masks).unlit
+    assert unlit[0].all()
+    assert unlit[1].tolist() == [False, False, True, False, False]
+    assert not unlit[2:].any()
+    assert SensingOperator(0 * masks).unlit.all()
