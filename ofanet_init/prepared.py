@@ -17,7 +17,6 @@ from pnp_sci._tuned import Tuned
 from pnp_sci.accel.inference import ready
 from pnp_sci.errors import InputError
 from pnp_sci.pipeline.blend import TUNED as BLEND
-from pnp_sci.sensing.operator import SensingOperator
 from pnp_sci.sensing.problem import Problem
 
 
@@ -83,21 +82,21 @@ def tensors(
     makes of them may explode.
     """
     largest = _largest(problem)
-    y, coded = _lit(problem.y, problem.op)
-    coded = coded[:, :, rows].astype(np.float32) / largest
+    y, coded = _lit(problem, rows)
+    coded = coded.astype(np.float32) / largest
     masks = torch.from_numpy(placed(coded, network.config.views, network.config.frames))[None]
-    y = torch.from_numpy((y[rows] * (TUNED.brightness / largest.max())).astype(np.float32))[None]
+    y = torch.from_numpy((y * (TUNED.brightness / largest.max())).astype(np.float32))[None]
     return y.to(device), masks.to(device)
 
 
-def _lit(y: np.ndarray, op: SensingOperator) -> tuple[np.ndarray, np.ndarray]:
-    """y (H, W) and masks (V, B, H, W), at unlit pixels those of the nearest lit one."""
-    unlit = op.unlit
+def _lit(problem: Problem, rows: slice) -> tuple[np.ndarray, np.ndarray]:
+    """Some rows of y (H, W) and of the masks (V, B, H, W), at unlit pixels those of the nearest lit one."""
+    unlit = problem.op.unlit
     if not unlit.any() or unlit.all():
-        return y, op.masks
-    nearest = distance_transform_edt(unlit, return_distances=False, return_indices=True)
-    rows, columns = nearest  # type: ignore[misc]
-    return y[rows, columns], op.masks[:, :, rows, columns]
+        return problem.y[rows], problem.op.masks[:, :, rows]
+    nearest: Any = distance_transform_edt(unlit, return_distances=False, return_indices=True)
+    i, j = nearest[:, rows]
+    return problem.y[i, j], problem.op.masks[:, :, i, j]
 
 
 def in_units_of(problem: Problem, video: torch.Tensor) -> np.ndarray:

@@ -129,9 +129,11 @@ def exploded(x: np.ndarray, problem: Problem) -> str:
     A network that sees what it was not trained for, such as points of light ten times as bright as the rest, may make
     large values of either sign. They cancel each other in y, or leave more of it than a video of zeros does.
     """
+    if not problem.y.any():
+        return ""
     light = problem.op.forward(x)
-    left = length(missing(problem.y - light, problem.saturated)) / (length(problem.y) or 1.0)
-    if left > 1:
+    left = length(missing(problem.y - light, problem.saturated)) / length(problem.y)
+    if not left <= 1:
         return f"leaves {left:.3g} times y as residual"
     excess = length(problem.op.forward(np.abs(x))) / (length(light) or 1.0)
     if excess > CANCELS and problem.op.masks.min() >= 0:

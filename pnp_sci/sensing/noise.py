@@ -43,6 +43,10 @@ def estimate_noise(
     divided by that of the chi-square distribution. This is right if a few blocks are flat. Without noise the estimate
     is the texture of the flattest blocks, about 0.001 to 0.01 of max(y) for natural scenes.
 
+    It is estimated twice, for frames that are equally bright, and for frames as bright as least squares over the whole
+    picture say; the smaller estimate counts. Unlit regions of 5 x 5 pixels and more are not used: there may be no
+    noise.
+
     Parameters
     ----------
     op : SensingOperator
@@ -51,8 +55,7 @@ def estimate_noise(
     saturated : ndarray of bool, (H, W), optional
         Blocks with a saturated pixel are not used.
     bad : ndarray of bool, (H, W), optional
-        Pixels that are not used, nor are unlit regions of 5 x 5 pixels and more, where there may be no noise
-        either. Blocks with fewer than twice as many other pixels as coefficients are not used.
+        Pixels that are not used. Blocks with fewer than twice as many good pixels as coefficients are not used.
 
     Returns
     -------
@@ -81,18 +84,24 @@ def estimate_noise(
         None if pixels is None else shaped(name, pixels, y.shape, np.dtype(bool))
         for name, pixels in (("saturated", saturated), ("bad", bad))
     )
-    used = np.logical_not(binary_opening(op.unlit, np.ones((REGION, REGION))))
+    used = ~_regions(op.unlit)
     if bad is not None:
         used &= ~bad
     freedom = blocks(used).sum(1) - 4 * views
-    usable = freedom >= (1 if used.all() else 4 * views)
+    usable = freedom >= np.where(blocks(used).all(1), 1, 4 * views)
     if saturated is not None:
         usable &= ~blocks(saturated).any(1)
     if usable.sum() < FEWEST:
         return 0.0
-    lights = np.ones((views, frames)), _light(op, y, used)
+    lights = np.ones((views, frames)), _light(op, y, used if saturated is None else used & ~saturated)
     left_over = (_left_over(op, y, used, light)[usable] for light in lights)
     return min(_of_quietest(squares, freedom[usable], TUNED.quantile) for squares in left_over)
+
+
+def _regions(pixels: np.ndarray) -> np.ndarray:
+    """The pixels (H, W) of regions of 5 x 5 and more, which may reach beyond the border."""
+    beyond = np.pad(pixels, REGION, mode="edge")
+    return binary_opening(beyond, np.ones((REGION, REGION)))[REGION:-REGION, REGION:-REGION].astype(bool)
 
 
 def _left_over(op: SensingOperator, y: np.ndarray, used: np.ndarray, light: np.ndarray) -> np.ndarray:
@@ -122,7 +131,7 @@ def _light(op: SensingOperator, y: np.ndarray, used: np.ndarray) -> np.ndarray:
     total = op.masks.sum((0, 1), dtype=np.float64) * used
     near, opened = (gaussian_filter(a, WIDE / 2, mode="nearest") for a in (y * used, total))
     picture = np.divide(near, opened, out=np.zeros_like(near), where=opened > DIMMEST * opened.max())
-    step = max(1, int(np.sqrt(y.size / LATTICE)))
+    step = int(np.ceil(np.sqrt(y.size / LATTICE)))
     lattice = (slice(step // 2, None, step),) * 2
     terms = (op.masks[(..., *lattice)] * (picture * used)[lattice]).reshape(views * frames, -1)
     normal = np.einsum("fp,gp->fg", terms, terms)

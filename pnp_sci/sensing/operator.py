@@ -13,7 +13,7 @@ from pnp_sci.errors import InputError, InputTypeError
 if TYPE_CHECKING:
     from scipy.sparse.linalg import LinearOperator
 
-DIMMEST = 0.05  # light of a pixel, in units of the mean one, below which it counts as unlit
+DIMMEST = 0.05  # root of the gram of a pixel, in units of the mean one, below which it counts as unlit
 
 
 def as_masks(masks: Any, dtype: np.dtype | None = None) -> np.ndarray:
@@ -122,8 +122,9 @@ class SensingOperator:
 
     @property
     def unlit(self) -> np.ndarray:
-        """Pixels (H, W), bool, that get less than 5 % of the mean light: beside a stop, or where every mask is 0."""
-        return self.gram <= DIMMEST**2 * self.gram.mean(dtype=np.float64)
+        """Pixels, bool like `gram`, with the root of the gram below 5 % of the mean root, as beside a stop."""
+        root = np.sqrt(self.gram, dtype=np.float64)
+        return root <= DIMMEST * root.mean((-2, -1), keepdims=True)
 
     def forward(self, x: Any, out: np.ndarray | None = None) -> np.ndarray:
         """Phi x: the measurement (H, W) of a video (V, B, H, W)."""

@@ -16,7 +16,7 @@ from pnp_sci.sensing.scene_model import SceneModel
 from pnp_sci.sensing.sensor import Sensor
 from pnp_sci.sensing.sequence import joined
 
-NEAR = (1.5, 6, 24, 96)  # pixels: standard deviations of the Gaussian means that fill pixels whose masks are all 0
+NEAR = (1.5, 6, 24, 96)  # pixels: standard deviations of the Gaussian means that fill unlit pixels
 CLOSED = 1e-3  # of the largest weight: smaller means of neighbours are not used
 LOUDEST = 1e6  # of max |y|: upper bound of the noise, whose square must be finite
 

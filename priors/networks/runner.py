@@ -56,7 +56,8 @@ class Runner:
         Arrays of numpy, or tensors. The argument `turn` is as for :func:`turned`.
         """
         out = library(frames).empty_like(frames)
-        of_part = self._on_cpu if self.device.type == "cpu" else self._on_device
+        host = isinstance(frames, np.ndarray) or frames.device.type == "cpu"
+        of_part = self._on_cpu if host and self.device.type == "cpu" else self._on_device
         step = max(1, (CACHED if self.device.type == "cpu" else PIXELS) // math.prod(frames.shape[1:]))
         with running(self.device):
             for start in range(0, len(frames), step):

@@ -154,3 +154,10 @@ def test_a_decoder_whose_estimate_is_beyond_all_use(scene, factor, monkeypatch):
     assert "'wild' makes of y leaves" in result.remarks[0]
     assert result.history[-1].residual == pytest.approx(residual_of(result.x, scene), rel=1e-3)
     assert "do not trust it" in pnp_sci.decode(scene.y, scene.masks, model="wild").remarks[0]
+
+
+def test_of_no_light_no_decoder_is_said_to_explode(scene, monkeypatch):
+    monkeypatch.setitem(
+        registry._registered["decoders"], "wild", lambda: lambda problem, scene: np.full(problem.op.shape, 1e-9)
+    )
+    assert not any("do not trust it" in remark for remark in pnp_sci.decode(0 * scene.y, scene.masks, "wild").remarks)

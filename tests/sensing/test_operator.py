@@ -10,7 +10,7 @@ from hypothesis.extra.numpy import arrays
 from operators_and_priors import OPERATORS
 from scipy.sparse.linalg import lsqr
 
-from pnp_sci import SensingOperator, adjoint_mismatch
+from pnp_sci import SensingOperator, SequenceOperator, adjoint_mismatch
 from pnp_sci.errors import InputError, InputTypeError
 
 DTYPES = ["bool", "uint8", "uint16", "int64", "float16", "float32", "float64", ">u2", ">f4", ">f8"]
@@ -290,3 +290,13 @@ def test_pixels_with_hardly_any_light_are_unlit():
     assert unlit[1].tolist() == [False, False, True, False, False]
     assert not unlit[2:].any()
     assert SensingOperator(0 * masks).unlit.all()
+
+
+def test_the_measurements_of_a_sequence_are_lit_each_for_itself():
+    dim = np.ones((2, 1, 3, 8, 8))
+    dim[1] *= 0.03
+    dim[:, :, :, 0] *= 0.01
+    op = SequenceOperator([SensingOperator(masks) for masks in dim])
+    np.testing.assert_array_equal(op.unlit, [SensingOperator(masks).unlit for masks in dim])
+    assert op.unlit[:, 0].all()
+    assert not op.unlit[:, 1:].any()
