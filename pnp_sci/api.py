@@ -157,6 +157,7 @@ def decode(
     Returns
     -------
     Result
+        A remark says if the video cannot be of `y`: its values cancel each other, or leave more of `y` than zeros do.
 
     Raises
     ------

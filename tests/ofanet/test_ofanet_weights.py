@@ -191,3 +191,12 @@ def test_what_a_stop_leaves_open_is_decoded_as_well(embedded, model, leak):
 def test_sparse_masks_are_decoded(embedded, model):
     masks = random_masks(embedded.shape, 0.05, seed=11)
     assert pnp_sci.psnr(decoded(embedded, masks, model), embedded).mean() > 16
+
+
+def test_a_dark_region_across_bands_of_rows_is_decoded_as_a_whole(embedded, monkeypatch):
+    decoder = pytest.importorskip("ofanet_init.decoder")
+    masks = moving_masks(embedded.shape, seed=11)
+    masks[..., 30:70, 20:60] = 0
+    whole = decoded(embedded, masks)
+    monkeypatch.setattr(decoder, "ROWS", 48)
+    np.testing.assert_allclose(decoded(embedded, masks), whole, atol=0.05)
