@@ -21,8 +21,8 @@ def unshuffle(frames, level, rows, columns, out):
             left, right = columns[2 * j], columns[2 * j + 1]
             out[n, i, j, 0], out[n, i, j, 1] = frames[n, up, left], frames[n, up, right]
             out[n, i, j, 2], out[n, i, j, 3] = frames[n, down, left], frames[n, down, right]
-            upper, lower = level[n, up, left] + level[n, up, right], level[n, down, left] + level[n, down, right]
-            out[n, i, j, 4] = (upper + lower) / 4
+            total = level[n, up, left] + level[n, up, right] + level[n, down, left] + level[n, down, right]
+            out[n, i, j, 4] = total / 4
 
 
 @kernel
