@@ -276,7 +276,8 @@ def level(op: SensingOperator, y: np.ndarray) -> np.ndarray:
     if y.ndim == 3:
         return joined([level(part, picture) for part, picture in zip(op.parts, y)])
     total = op.masks.sum((0, 1), dtype=op.dtype)
-    common = filled(total * y * ~op.unlit, (total**2 + op.gram / 4) * ~op.unlit)
+    lit = ~op.unlit
+    common = filled(lit * total * y, lit * (total**2 + op.gram / 4))
     return np.broadcast_to(common, op.shape).copy()
 
 

@@ -15,7 +15,7 @@ from pnp_sci.accel.inference import ready, running, usable
 from priors.kernels.shuffle import shuffle, unshuffle
 from priors.networks import LIMIT
 from priors.networks import files as _weights
-from priors.networks.unet import reflected
+from priors.networks.unet import continued
 
 CACHED = 2**18  # pixels of a batch on a CPU
 PIXELS = 2**24  # pixels of a batch on another device, about 3 GB of activations in bfloat16
@@ -68,8 +68,7 @@ class Runner:
     def _on_cpu(self, frames: Any, level: Any, turn: int, out: Any) -> None:
         """out <- the noise of some frames; turned views are read and written in place."""
         x, sigma, noise = (turned(np.asarray(a), turn) for a in (frames, level, out))
-        multiple = self.network.architecture.multiple
-        rows, columns = (reflected(torch.arange(-(-n // multiple) * multiple), n).numpy() for n in x.shape[1:])
+        rows, columns = (continued(n, self.network.architecture.multiple).numpy() for n in x.shape[1:])
         seen = np.empty((len(x), len(rows) // 2, len(columns) // 2, 5), np.float32)
         unshuffle(x, sigma, rows, columns, seen)
         of_blocks = self.network.of_blocks(torch.from_numpy(seen).permute(0, 3, 1, 2))

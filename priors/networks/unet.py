@@ -56,6 +56,15 @@ def reflected(index: torch.Tensor, length: int) -> torch.Tensor:
     return torch.minimum(folded, period - folded).clamp(max=length - 1)
 
 
+def continued(length: int, multiple: int, device: torch.device | None = None) -> torch.Tensor:
+    """Indices of `length` pixels, continued to the next multiple by reflection.
+
+    >>> continued(6, 4).tolist()
+    [0, 1, 2, 3, 4, 5, 4, 3]
+    """
+    return reflected(torch.arange(-(-length // multiple) * multiple, device=device), length)
+
+
 def conv(inputs: int, outputs: int, size: int = 3, stride: int = 1) -> nn.Conv2d:
     """Convolution without bias, for scale equivariance: D(a x, a sigma) = a D(x, sigma) for a > 0."""
     return nn.Conv2d(inputs, outputs, size, stride, padding=(size - 1) // 2, bias=False)
@@ -121,8 +130,6 @@ class Network(nn.Module):
     def _pad(self, x: torch.Tensor) -> torch.Tensor:
         """Pad the last two dimensions, of any size, to the next multiple by reflection."""
         for axis in (-2, -1):
-            size, multiple = x.shape[axis], self.architecture.multiple
-            if size % multiple:
-                padded = torch.arange(-(-size // multiple) * multiple, device=x.device)
-                x = x.index_select(axis, reflected(padded, size))
+            if x.shape[axis] % self.architecture.multiple:
+                x = x.index_select(axis, continued(x.shape[axis], self.architecture.multiple, x.device))
         return x
