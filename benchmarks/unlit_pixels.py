@@ -1,4 +1,4 @@
-"""PSNR in dB beside a stop, through sparse masks and in strobed light, on validation clips.
+"""PSNR in dB beside a stop, through sparse masks and in light that flickers, on validation clips.
 
 PNP_SCI_DATA=DIR python benchmarks/unlit_pixels.py [--side 96]
 
@@ -13,8 +13,18 @@ from parts import crop, validation_clips
 import pnp_sci
 
 FRAMES = 8
-STROBED = np.where(np.arange(FRAMES) % 2, 0.3, 1)[:, None, None]
-SCENES = ("circle", "leaking circle", "borders", "block", "sparse, random", "sparse, moving", "strobed", "usual")
+LIGHTS = {"strobed": (1, 0.3), "mains": (1.1, 0.9)}  # of frames in turn
+SCENES = (
+    "usual",
+    "circle",
+    "leaking circle",
+    "borders",
+    "block",
+    "sparse, random",
+    "sparse, moving",
+    "strobed",
+    "mains",
+)
 NOISES = 0.0, 0.01, "photon"
 
 
@@ -31,7 +41,8 @@ def case(name, clips, seed, side):
         lit[side // 4 : side // 2, side // 3 : 2 * side // 3] = False
     density, sort = (0.05, name.split()[-1]) if "sparse" in name else (0.5, "moving")
     masks = getattr(pnp_sci, f"{sort}_masks")(truth.shape, density, seed=seed) * np.where(lit, 1, leak)
-    return truth * STROBED if name == "strobed" else truth, masks.astype(np.float32), lit
+    light = np.resize(LIGHTS.get(name, 1), FRAMES)[:, None, None]
+    return truth * light, masks.astype(np.float32), lit
 
 
 def measured(truth, masks, noise, seed):

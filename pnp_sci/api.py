@@ -11,7 +11,7 @@ import numpy as np
 from pnp_sci._validate import shaped
 from pnp_sci.camera.registration import Registration
 from pnp_sci.pipeline.input import Input
-from pnp_sci.pipeline.measurement import counts, put
+from pnp_sci.pipeline.measurement import entries, put
 from pnp_sci.pipeline.provenance import provenance
 from pnp_sci.pipeline.request import as_plain
 from pnp_sci.pipeline.solve import solve_all
@@ -181,7 +181,7 @@ def decode(
     fits = given.check(sensor)
     videos = np.empty((len(fits), *op.shape), op.dtype)
     statuses, records, problems, scenes = [], [], [], []
-    for n, problem in enumerate(given.problems(sensor, fits)):
+    for n, problem in enumerate(problem.steady() for problem in given.problems(sensor, fits)):
         begun = time.perf_counter()
         chosen = choose_scene(scene if decoder.needs_scene else "full", problem)
         x = shaped("what the decoder returns", decoded(decoder, problem, chosen), op.shape, op.dtype)
@@ -193,7 +193,7 @@ def decode(
         records.append(Record(0, seconds, residual, float("nan"), measurement=n))
         problems.append(problem)
         at_rest = {"at_rest": [None] * op.shape[0]}
-        scenes.append(given.found(chosen.describe(op) | at_rest | counts(problem), fits[n]))
+        scenes.append(given.found(chosen.describe(op) | at_rest | entries(problem), fits[n]))
         if statuses[-1].ok and (why := exploded(x, problem)):
             scenes[-1]["remarks"].append(f"what the decoder makes of y {why}: do not trust it")
     videos = given.shown(videos)

@@ -157,7 +157,7 @@ class Input:
 
     def found(self, scene: dict[str, Any], fit: Fit) -> dict[str, Any]:
         """What was found of a scene, with how its measurement fits, and where the masks are."""
-        remarks = [*scene["remarks"], *fit.warnings]
+        remarks = [*scene["remarks"], *_of_light(scene["light"] or []), *fit.warnings]
         if self.registration is None:
             return scene | {"fit": fit.describe(), "remarks": remarks}
         remarks.append(f"register: {self.registration.in_words()}")
@@ -171,6 +171,15 @@ class Input:
                 several = f"measurement{'s' * (len(numbers) > 1)} {', '.join(map(str, numbers))}: "
                 _log.warning("%s%s", several if len(fits) > 1 else "", text)
         return fits
+
+
+def _of_light(light: list[list[float]]) -> list[str]:
+    """A remark on each view whose frames are lit unequally."""
+    return [
+        f"light: of view {v} frames are lit by {min(frames):.2f} to {max(frames):.2f} of their mean"
+        for v, frames in enumerate(light, 1)
+        if min(frames) < max(frames)
+    ]
 
 
 @contextmanager

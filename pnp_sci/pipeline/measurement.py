@@ -103,6 +103,7 @@ def reconstruct(
     )  # fmt: skip
     backend = request.backend
     plan = in_time(plan, reduced, joint.y, backend)
+    units = [problem.unit for problem in window.of_kept(problems)]
     told = Unseen(joint, reduced, plan, traits.strong and request.sigma is None, backend)
     watch.expect(plan.iterations)
 
@@ -113,7 +114,7 @@ def reconstruct(
     def score(x: Array) -> float | None:
         if truth is None:
             return None
-        return float(np.mean([truth.psnr(v, n, joint.unit) for n, v in zip(window.kept, kept(backend.get(x)))]))
+        return float(np.mean([truth.psnr(v, n, unit) for n, v, unit in zip(window.kept, kept(backend.get(x)), units)]))
 
     with backend.running():
         session = InTurn(plan.serves, reduced.shape, reduced.dtype, backend.device)
@@ -127,8 +128,8 @@ def reconstruct(
             noise=joint.typical_noise, most=held(reduced, joint.y), score=score, saturated=saturated, finish=finish,
         )  # fmt: skip
         remember(plan, reduced.shape, [record.seconds for record in records], finish.seconds, backend)
-        for video, own in zip(kept(backend.get(state.x)), out):
-            put(video, own, joint.unit)
+        for video, own, unit in zip(kept(backend.get(state.x)), out, units):
+            put(video, own, unit)
         facts = session.facts()
     remarks = remarks + _unexplained(joint, status, records)
     own = [told.of(problem) for problem in window.of_kept(problems)]
@@ -160,7 +161,7 @@ def _first(
 
 def _found(scene: SceneModel, problem: Problem, facts: Mapping[str, Any], remarks: list[str]) -> dict[str, Any]:
     """What was found of the scene of a measurement."""
-    found = scene.describe(problem.op) | {"at_rest": scene.at_rest(facts.get("still", []))} | counts(problem)
+    found = scene.describe(problem.op) | {"at_rest": scene.at_rest(facts.get("still", []))} | entries(problem)
     return found | {"remarks": found["remarks"] + remarks}
 
 
@@ -215,17 +216,17 @@ def untouched(problems: Sequence[Problem], out: np.ndarray, kept: range, truth: 
         psnr, ssim = (truth.psnr(state.x, n, problem.unit), truth.ssim(video, n)) if truth else (None, None)
         records.append(Record(0, 0.0, residual, float("nan"), psnr, ssim, n))
         scene = full(problem.op, "not judged: the callback had stopped the solver").describe(problem.op)
-        scenes.append(scene | {"at_rest": [None] * problem.op.shape[0]} | counts(problem))
+        scenes.append(scene | {"at_rest": [None] * problem.op.shape[0]} | entries(problem))
     return Outcome(list(problems), Status.STOPPED, records, scenes, None, "adjoint", [], [])
 
 
-def put(x: np.ndarray, video: np.ndarray, unit: float) -> None:
+def put(x: np.ndarray, video: np.ndarray, unit: float | np.ndarray) -> None:
     """video <- x * unit, as far as the type reaches; 0 where x is not finite."""
     if not np.isfinite(x).all():
         video[:] = 0
         return
     with np.errstate(over="ignore"):  # an estimate may be larger than what y and the masks allow
-        np.multiply(x, video.dtype.type(unit), out=video)
+        np.multiply(x, np.asarray(unit, video.dtype), out=video)
     np.nan_to_num(video, copy=False)
 
 
@@ -235,10 +236,11 @@ def judged_until(deadline: float | None) -> float:
     return np.inf if deadline is None else now + JUDGING * (deadline - now)
 
 
-def counts(problem: Problem) -> dict[str, Any]:
-    """Pixels of y that are saturated, those that are bad, and the others that every mask leaves closed."""
+def entries(problem: Problem) -> dict[str, Any]:
+    """What `Result.scene` says of a measurement: pixels of y that are saturated, bad, and closed; the light."""
     saturated, bad = (0 if pixels is None else int(pixels.sum()) for pixels in (problem.saturated, problem.bad))
-    return {"saturated": saturated, "bad": bad, "closed": int((problem.op.gram == 0).sum()) - bad}
+    light = None if problem.light is None else problem.light[..., 0, 0].round(3).tolist()
+    return {"saturated": saturated, "bad": bad, "closed": int((problem.op.gram == 0).sum()) - bad, "light": light}
 
 
 def package_settings(request: Request, outcomes: Sequence[Outcome]) -> dict[str, Any]:

@@ -22,9 +22,10 @@ def provenance(y: Any, masks: Any, largest: float, problems: Sequence[Problem], 
 
     `largest` is what the masks were divided by.
     """
+    units = [float(np.mean(problem.unit)) for problem in problems]
     return {
-        "noise": [problem.typical_noise * problem.unit * largest for problem in problems],
-        "unit": [problem.unit for problem in problems],
+        "noise": [problem.typical_noise * unit * largest for problem, unit in zip(problems, units)],
+        "unit": units,
         "y": digest(y),
         "bad": _bad(problems),
         "masks": digest(masks.masks if isinstance(masks, SensingOperator) else masks),

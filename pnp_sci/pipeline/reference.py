@@ -54,7 +54,7 @@ class Reference:
         self.array = array.reshape(shape)
         self.shown, self.seconds = shown, 0.0
 
-    def psnr(self, x: np.ndarray, n: int, unit: float = 1.0) -> float:
+    def psnr(self, x: np.ndarray, n: int, unit: float | np.ndarray = 1.0) -> float:
         """Mean over the views of measurement n, for x in so many of the reference's units."""
         return self._mean(psnr, x, n, unit)
 
@@ -78,10 +78,10 @@ class Reference:
         """Mean over the views, of measurement n."""
         return self._mean(ssim, x, n)
 
-    def _mean(self, metric: Callable[..., Any], x: np.ndarray, n: int, unit: float = 1.0) -> float:
+    def _mean(self, metric: Callable[..., Any], x: np.ndarray, n: int, unit: float | np.ndarray = 1.0) -> float:
         begin = time.perf_counter()
         with np.errstate(over="ignore"):  # metrics clip to [0, 1]
-            mean = float(np.mean(metric(self.shown(x) * (unit / self.white), self.array[n] / self.white)))
+            mean = float(np.mean(metric(self.shown(x * (unit / self.white)), self.array[n] / self.white)))
         self.seconds += time.perf_counter() - begin
         return mean
 

@@ -95,8 +95,9 @@ def together(problems: Sequence[Problem]) -> Problem:
 
 def alike(problems: Sequence[Problem], same_noise: bool) -> list[Problem]:
     """Problems of measurements by one camera: all in the median of their units, with the median of estimated noise."""
-    unit = float(np.median([problem.unit for problem in problems]))
-    scales = [problem.unit / unit for problem in problems]
+    units = [float(problem.unit) for problem in problems]
+    unit = float(np.median(units))
+    scales = [own / unit for own in units]
     noises: list[Any] = [problem.noise * scale for problem, scale in zip(problems, scales)]
     if same_noise:
         noises = [float(np.median(noises))] * len(problems)

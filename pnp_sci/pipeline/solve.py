@@ -87,13 +87,15 @@ def _posed(
     given: Input, request: Request, sensor: Sensor, fits: list[Fit], began: float
 ) -> Iterator[tuple[Request, Window, Sequence[Problem]]]:
     """The problems that are solved together, window by window, and the request for them."""
-    count, problems = len(given.measurements), given.problems(sensor, fits)
+    count, strong = len(given.measurements), request.prior.traits(given.op.shape).strong
+    problems = given.problems(sensor, fits)
     if request.sequence == 1:
         for n, problem in enumerate(problems):
-            yield request, Window(range(n, n + 1), range(n, n + 1)), [problem]
+            yield request, Window(range(n, n + 1), range(n, n + 1)), [problem.steady() if strong else problem]
         return
     all_problems = alike(list(problems), sensor.read_noise == "auto")
-    strong = request.prior.traits(given.op.shape).strong
+    if strong:
+        all_problems = [problem.steady() for problem in all_problems]
     until = judged_until(None if request.time_budget is None else began + request.time_budget)
     scene = scene_of_all(request.scene, all_problems, careful=strong, each_view=strong, until=until)
     all_problems = list(noise_of_still(all_problems, scene, request, until))
@@ -126,7 +128,7 @@ def predict_errors(
     for k, (n, problem) in enumerate(zip(window.kept, outcome.problems)):
         found = None
         if second is not None:
-            unit = videos.dtype.type(problem.unit)
+            unit = np.asarray(problem.unit, videos.dtype)
             found = uncertainty(problem, hidden[n], videos[k] / unit, second[k] / unit)  # type: ignore[arg-type]
         if found is None:
             told = "uncertainty: unknown, as the solve failed or too few pixels can be held back"

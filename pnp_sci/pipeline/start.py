@@ -86,7 +86,7 @@ def first_estimate(
         x = decoded(decoder_for("init", init, {}), problem, scene)
     else:
         with np.errstate(all="ignore"):  # what the type cannot hold is told below
-            x = real_array("init", init) / np.float64(problem.unit)
+            x = real_array("init", init) / np.asarray(problem.unit, np.float64)
     x = _checked(x, problem)
     residual = length(missing(problem.y - problem.op.forward(x), problem.saturated)) / (length(problem.y) or 1.0)
     if not residual <= (EXPLODED if problem.y.any() else sys.float_info.max):

@@ -10,7 +10,7 @@ from typing import Any
 
 import numpy as np
 
-from pnp_sci.pipeline.measurement import Outcome, counts, judged_until, reconstruct, untouched
+from pnp_sci.pipeline.measurement import Outcome, entries, judged_until, reconstruct, untouched
 from pnp_sci.pipeline.noise_of_still import noise_of_still
 from pnp_sci.pipeline.progress import Watch
 from pnp_sci.pipeline.reference import Reference
@@ -167,13 +167,13 @@ def _scene(tiles: Sequence[dict[str, Any]], sizes: Sequence[int], problem: Probl
     rests = list(zip(*(scene["at_rest"] for scene in tiles)))  # of each view
     at_rest = [None if None in rest else round(float(np.average(rest, weights=sizes)), 3) for rest in rests]
     remarks = list(dict.fromkeys(remark for scene in tiles for remark in scene["remarks"]))
-    return {**tiles[0], **counts(problem), "at_rest": at_rest, "remarks": remarks}
+    return {**tiles[0], **entries(problem), "at_rest": at_rest, "remarks": remarks}
 
 
 def merged(courses: Sequence[Sequence[Record]], norms: Sequence[float]) -> list[Record]:
     """One course of the tiles' records: their seconds together, and the residual of all; `norms` are their ``||y||``.
 
-    A tile that has stopped counts with its last record.
+    A tile that has stopped entries with its last record.
     """
     weights = np.square(norms) / max(float(np.sum(np.square(norms))), np.finfo(float).tiny)
     records = []

@@ -84,8 +84,11 @@ def mosaicked(prior: Prior, mosaic: Mosaic) -> Prior:
 def decoded(decoder: Decoder, problem: Problem, scene: SceneModel) -> np.ndarray:
     """The video (V, B, H, W) that a decoder makes of a problem; of a mosaic, plane by plane.
 
-    Decoders are trained with masks as they are given, and with pictures that have no seams.
+    Decoders are trained in steady light, with masks as they are given, and with pictures that have no seams.
     """
+    steady = problem.steady()
+    if steady is not problem:
+        return decoded(decoder, steady, scene) * np.asarray(steady.unit / problem.unit, problem.op.dtype)
     if problem.balance is None:
         return decoder(problem, scene)
     as_given, out = problem.unbalanced(), np.empty(problem.op.shape, problem.op.dtype)

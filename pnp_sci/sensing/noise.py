@@ -6,19 +6,18 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
-from scipy.ndimage import binary_opening, gaussian_filter
+from scipy.ndimage import binary_opening
 
 from pnp_sci._tuned import Tuned
 from pnp_sci._validate import require_finite, shaped
 from pnp_sci.errors import InputTypeError
-from pnp_sci.sensing.operator import DIMMEST, SensingOperator
+from pnp_sci.sensing.light import light_of_frames
+from pnp_sci.sensing.operator import SensingOperator
 
 BLOCK = 8  # pixels per side of a block
 WIDE = 16  # pixels per side of a block in which only unseen pixels count
 QUIET = 6  # such blocks, at least, that decide: fewer may have small errors by chance
 FEWEST = 16  # blocks for an estimate
-LATTICE = 2**15  # pixels, at most, that tell how bright frames are
-RIDGE = 1e-3  # of the mean square: where masks hardly differ, frames are equally bright
 REGION = 5  # pixels a side: sparse masks leave smaller regions unlit, which tell the noise
 
 
@@ -33,7 +32,11 @@ TUNED = NoiseNumbers()
 
 
 def estimate_noise(
-    op: SensingOperator, y: Any, saturated: np.ndarray | None = None, bad: np.ndarray | None = None
+    op: SensingOperator,
+    y: Any,
+    saturated: np.ndarray | None = None,
+    bad: np.ndarray | None = None,
+    light: np.ndarray | None = None,
 ) -> float:
     """Standard deviation of the noise of a measurement, in the units of y.
 
@@ -43,9 +46,9 @@ def estimate_noise(
     divided by that of the chi-square distribution. This is right if a few blocks are flat. Without noise the estimate
     is the texture of the flattest blocks, about 0.001 to 0.01 of max(y) for natural scenes.
 
-    It is estimated twice, for frames that are equally bright, and for frames as bright as least squares over the whole
-    picture say; the smaller estimate counts. Unlit regions of 5 x 5 pixels and more are not used: there may be no
-    noise.
+    Where frames are lit unequally, it is estimated twice, for frames that are equally bright, and for frames as bright
+    as they are found to be; the smaller estimate counts. Unlit regions of 5 x 5 pixels and more are not used: there may
+    be no noise.
 
     Parameters
     ----------
@@ -56,6 +59,8 @@ def estimate_noise(
         Blocks with a saturated pixel are not used.
     bad : ndarray of bool, (H, W), optional
         Pixels that are not used. Blocks with fewer than twice as many good pixels as coefficients are not used.
+    light : ndarray, (V, B, 1, 1), optional
+        How bright each frame is; by default what :func:`pnp_sci.sensing.light.light_of_frames` finds.
 
     Returns
     -------
@@ -93,7 +98,9 @@ def estimate_noise(
         usable &= ~blocks(saturated).any(1)
     if usable.sum() < FEWEST:
         return 0.0
-    lights = np.ones((views, frames)), _light(op, y, used if saturated is None else used & ~saturated)
+    if light is None:
+        light = light_of_frames(op, y, used if saturated is None else used & ~saturated)
+    lights = [np.ones((views, frames))] + ([] if (light == 1).all() else [light[..., 0, 0]])
     left_over = (_left_over(op, y, used, light)[usable] for light in lights)
     return min(_of_quietest(squares, freedom[usable], TUNED.quantile) for squares in left_over)
 
@@ -120,25 +127,6 @@ def _left_over(op: SensingOperator, y: np.ndarray, used: np.ndarray, light: np.n
     product = np.einsum("kpi,kp->ki", model, values)
     fit = np.linalg.solve(normal + ridge * np.eye(model.shape[-1]), product[..., None])[..., 0]
     return ((values - np.einsum("kpi,ki->kp", model, fit)) ** 2).sum(1)
-
-
-def _light(op: SensingOperator, y: np.ndarray, used: np.ndarray) -> np.ndarray:
-    """How bright each frame is, (V, B), in units of the mean: 1 unless all of a view flickers.
-
-    By least squares y is the sum of the masks times these times a smooth picture, on a lattice of pixels.
-    """
-    views, frames = op.shape[:2]
-    total = op.masks.sum((0, 1), dtype=np.float64) * used
-    near, opened = (gaussian_filter(a, WIDE / 2, mode="nearest") for a in (y * used, total))
-    picture = np.divide(near, opened, out=np.zeros_like(near), where=opened > DIMMEST * opened.max())
-    step = int(np.ceil(np.sqrt(y.size / LATTICE)))
-    lattice = (slice(step // 2, None, step),) * 2
-    terms = (op.masks[(..., *lattice)] * (picture * used)[lattice]).reshape(views * frames, -1)
-    normal = np.einsum("fp,gp->fg", terms, terms)
-    ridge = RIDGE * np.trace(normal) / len(normal) + np.finfo(float).tiny
-    missing = (y * used)[lattice].ravel() - terms.sum(0)
-    change = np.linalg.solve(normal + ridge * np.eye(len(normal)), np.einsum("fp,p->f", terms, missing))
-    return 1 + change.reshape(views, frames)
 
 
 def noise_of_prediction(residual: np.ndarray, unseen: np.ndarray) -> float:

@@ -10,6 +10,7 @@ import numpy as np
 from pnp_sci._tuned import Tuned
 from pnp_sci._validate import finite_number, one_of, real_array, require_finite
 from pnp_sci.errors import InputError, InputTypeError
+from pnp_sci.sensing.light import light_of_frames
 from pnp_sci.sensing.noise import estimate_noise
 from pnp_sci.sensing.operator import SensingOperator, as_masks
 from pnp_sci.sensing.scene_model import SceneModel
@@ -19,6 +20,7 @@ from pnp_sci.sensing.sequence import joined
 NEAR = (1.5, 6, 24, 96)  # pixels: standard deviations of the Gaussian means that fill unlit pixels
 CLOSED = 1e-3  # of the largest weight: smaller means of neighbours are not used
 LOUDEST = 1e6  # of max |y|: upper bound of the noise, whose square must be finite
+OF_FRAMES = ("unit", "light")  # fields of a problem that have no pixels
 
 
 @dataclass(frozen=True)
@@ -41,8 +43,8 @@ class Problem:
     op : SensingOperator
     y : ndarray, (H, W), or (N, H, W) of consecutive measurements
         In units where x spans about [0, 1].
-    unit : float
-        Value of x in the user's units that corresponds to 1 here.
+    unit : float or ndarray, (V, B, 1, 1)
+        Value of x in the user's units that corresponds to 1 here; of each frame if :meth:`steady` is.
     noise : float or ndarray, like y
         Standard deviation of the noise of `y`, in its units; an array if it differs between pixels.
     saturated : ndarray of bool, like y, optional
@@ -53,16 +55,19 @@ class Problem:
         What the masks of each pixel of a mosaic were multiplied by, > 0.
     estimated : bool
         Whether `noise` was estimated from y, so that texture makes it too large.
+    light : ndarray, (V, B, 1, 1), optional
+        How bright each frame is lit, in units of the mean of its view, where that was found to differ.
     """
 
     op: SensingOperator
     y: np.ndarray
-    unit: float
+    unit: float | np.ndarray
     noise: float | np.ndarray
     saturated: np.ndarray | None = None
     bad: np.ndarray | None = None
     balance: np.ndarray | None = None
     estimated: bool = False
+    light: np.ndarray | None = None
 
     @property
     def typical_noise(self) -> float:
@@ -80,9 +85,16 @@ class Problem:
         op = SensingOperator(self.op.masks / self.balance, self.op.dtype)
         return replace(self, op=op, y=self.y / self.balance, noise=self.noise / self.balance, balance=None)
 
+    def steady(self) -> Problem:
+        """The problem of the video in steady light: masks times light, which a prior that compares frames needs."""
+        if self.light is None or np.ndim(self.unit):
+            return self
+        op = SensingOperator((self.op.masks * self.light).astype(self.op.dtype), self.op.dtype)
+        return replace(self, op=op, unit=self.unit * self.light)
+
     def crop(self, where: tuple[slice, slice]) -> Problem:
         """The problem of a part of the picture, rows and columns."""
-        pictures = {field.name: getattr(self, field.name) for field in fields(self)}
+        pictures = {field.name: getattr(self, field.name) for field in fields(self) if field.name not in OF_FRAMES}
         cropped = {name: p[(..., *where)] for name, p in pictures.items() if isinstance(p, np.ndarray)}
         return replace(self, op=self.op.crop(where), **cropped)
 
@@ -203,7 +215,9 @@ def pose(op: SensingOperator, largest: float, y: np.ndarray, sensor: Sensor, bad
     y = y.astype(np.float64) if bad is None else np.where(bad, 0.0, y)
     saturated = sensor.saturated(y)
     height = float(np.abs(y).max()) or 1.0
-    estimated, sensor = sensor.read_noise == "auto", measured(sensor, op, y, bad)
+    used = ~np.logical_or.reduce([np.zeros(y.shape, bool), *(p for p in (saturated, bad) if p is not None)])
+    light = light_of_frames(op, y, used)
+    estimated, sensor = sensor.read_noise == "auto", measured(sensor, op, y, bad, light)
     sigma = np.minimum(sensor.deviation(y) / height, LOUDEST)
     y /= height
     unit = brightest(op, y, float(np.mean(sigma)))
@@ -214,7 +228,8 @@ def pose(op: SensingOperator, largest: float, y: np.ndarray, sensor: Sensor, bad
             + ("; give y as float64" if op.dtype == np.float32 else "")
         )
     noise = sigma / unit if np.ndim(sigma) else float(sigma / unit)
-    return Problem(op, (y / unit).astype(op.dtype), x_unit, noise, saturated, bad, estimated=estimated)
+    told = None if (light == 1).all() else light
+    return Problem(op, (y / unit).astype(op.dtype), x_unit, noise, saturated, bad, estimated=estimated, light=told)
 
 
 def brightest(op: SensingOperator, y: np.ndarray, noise: float) -> float:
@@ -240,13 +255,20 @@ def brightest(op: SensingOperator, y: np.ndarray, noise: float) -> float:
     return float(np.sqrt(energy / expected)) if energy > 0 and expected > 0 else 1.0
 
 
-def measured(sensor: Sensor, op: SensingOperator, y: np.ndarray, bad: np.ndarray | None = None) -> Sensor:
+def measured(
+    sensor: Sensor,
+    op: SensingOperator,
+    y: np.ndarray,
+    bad: np.ndarray | None = None,
+    light: np.ndarray | None = None,
+) -> Sensor:
     """The sensor, with its read noise estimated from a measurement y (H, W) if it is "auto"."""
     if sensor.read_noise != "auto":
         return sensor
     y = y.astype(np.float64)
     height = float(np.abs(y).max()) or 1.0
-    estimate = height * estimate_noise(op, y / height, sensor.saturated(y), bad)  # includes the rounding to grey levels
+    # includes the rounding to grey levels
+    estimate = height * estimate_noise(op, y / height, sensor.saturated(y), bad, light)
     rounding = sensor.step / np.sqrt(12)
     return replace(sensor, read_noise=float(np.sqrt(max(estimate - rounding, 0)) * np.sqrt(estimate + rounding)))
 
