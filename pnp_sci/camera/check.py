@@ -12,7 +12,7 @@ from pnp_sci.camera.code import Code
 from pnp_sci.camera.fit import Finding, Fit
 from pnp_sci.camera.frame_order import frame_order as order_of_frames
 from pnp_sci.camera.groups import hot_groups
-from pnp_sci.camera.mask_frames import lost_frames, static_views
+from pnp_sci.camera.mask_frames import lost_frames, lost_views, repeated_frames, static_views
 from pnp_sci.camera.outliers import negative, outliers
 from pnp_sci.camera.pile import pile
 from pnp_sci.camera.values import beyond, centred, loud, saturation, sign, unlike
@@ -111,7 +111,9 @@ class Masks:
         self.weight = np.abs(masks).sum((0, 1), dtype=np.float32) if self.signed else self.sums.sum(0)
         self.code = Code(self.sums)
         self.negative = float(np.mean(self.sums.sum(0) < 0))
-        self.missing = (*lost_frames(np.asarray(masks.any((2, 3)))), *static_views(masks))
+        lost = lost_views(masks)
+        of_frames = (*lost_frames(np.asarray(masks.any((2, 3)))), *static_views(masks))
+        self.missing = (*of_frames, *lost) if of_frames or lost else repeated_frames(masks)
 
     def fit(self, y: np.ndarray, sensor: Sensor, bad: np.ndarray | None, warn_of_bad: bool) -> Fit:
         """How y (H, W) fits; `bad` pixels (H, W) must be 0 in it."""

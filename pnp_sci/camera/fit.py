@@ -16,7 +16,7 @@ class Finding:
     ----------
     kind : str
         "shift", "arrangement", "inverted", "no code", "black level", "sharpness", "contrast", "saturation", "sign",
-        "noise", "hot", "dead", "missing", "empty", "static" or "frame order".
+        "noise", "hot", "dead", "missing", "empty", "static", "views", "repeated" or "frame order".
     text : str
         What is seen.
     hint : str

@@ -14,7 +14,6 @@ from pnp_sci._validate import positive_number
 from pnp_sci.accel.threads import limited
 from pnp_sci.camera.fit import Fit
 from pnp_sci.errors import InputError
-from pnp_sci.masks import views_are_separable
 from pnp_sci.pipeline.input import Input
 from pnp_sci.pipeline.measurement import Outcome, judged_until, package_settings, untouched
 from pnp_sci.pipeline.noise_of_still import noise_of_still
@@ -26,7 +25,6 @@ from pnp_sci.pipeline.sequence import Window, alike, scene_of_all, windows
 from pnp_sci.pipeline.tiles import reconstruct_in_tiles
 from pnp_sci.results.history import History, Status
 from pnp_sci.results.result import Result
-from pnp_sci.sensing.operator import SensingOperator
 from pnp_sci.sensing.problem import Problem
 from pnp_sci.sensing.sensor import Sensor
 
@@ -45,7 +43,6 @@ def solve_all(y: Any, masks: Any, reference: Any, peak: float | None, options: d
     peak = None if peak is None else positive_number("peak", peak)
     colours = () if given.mosaic is None else (3,)
     truth = None if reference is None else Reference(reference, (count, *op.shape, *colours), peak, given.shown)
-    _warn_of_lost_views(op)
     if request.sigma is not None and request.sigma > 1:
         _log.warning(
             "sigma is %g, but it is in units where x spans about [0, 1]: if these are grey levels of 255, give %.2g",
@@ -146,14 +143,3 @@ def _share_of_time(began: float, budget: float | None, due: int, left: int) -> f
     """The moment by which those that are due, of so many measurements that are left, must be done."""
     now = time.perf_counter()
     return None if budget is None else now + (began + budget - now) * due / left
-
-
-def _warn_of_lost_views(op: SensingOperator) -> None:
-    """Log what the masks make impossible; the solver goes on all the same."""
-    if not op.masks.any():
-        _log.warning("masks are all 0: nothing is measured, and the first estimate is as good as any")
-    elif not views_are_separable(op.masks):
-        _log.warning(
-            "masks of the views are too much alike, or those of one are all 0: the views cannot be told apart; "
-            "see pnp_sci.condition(masks)"
-        )

@@ -5,11 +5,12 @@ import logging
 
 import numpy as np
 import pytest
-from scipy.ndimage import shift
+from scipy.ndimage import gaussian_filter, shift
 
 import pnp_sci
-from pnp_sci import SensingOperator, check_fit, datasets, moving_masks, random_masks, simulate
+from pnp_sci import SensingOperator, check_fit, datasets, moving_masks, random_masks, simulate, solve
 from pnp_sci.camera.code import Code
+from pnp_sci.camera.mask_frames import repeated_frames
 
 
 @pytest.fixture(scope="module")
@@ -254,6 +255,39 @@ def test_masks_that_do_not_change_are_noticed(scene):
     (warning,) = check_fit(simulate(scene.truth[:, :8], two), two).warnings
     assert "view 2" in warning
     assert kinds(simulate(scene.truth[:1, :1], one), one) == []
+
+
+@pytest.mark.parametrize("noise", [0, 0.02])
+def test_masks_that_repeat_are_noticed(scene, noise):
+    """Within a view, or in the other one; calibrated masks repeat but for their noise."""
+    masks = random_masks((2, 10, 128, 128), seed=2).astype("f4")
+    within, beside = masks.copy(), masks.copy()
+    within[1, 7], beside[1] = masks[1, 2], np.roll(masks[0], 4, 0)
+    for repeated, first, second, more in ((within, "view 2, frame 3", "view 2, frame 8", ""),
+                                          (beside, "view 1, frame 1", "view 2, frame 5", "9 more pairs")):  # fmt: skip
+        calibrated = repeated + noise * np.random.default_rng(0).random(masks.shape)
+        (warning,) = check_fit(simulate(scene.truth, repeated), calibrated).warnings
+        assert f"in {first} and in {second}" in warning
+        assert more in warning
+    assert kinds(simulate(scene.truth, masks), masks) == []
+
+
+@pytest.mark.parametrize("make", [random_masks, moving_masks])
+@pytest.mark.parametrize("frames", [2, 3, 20])
+def test_masks_that_are_alike_do_not_repeat(make, frames):
+    """Blurred patterns that move, with stray light, beside a lens that vignettes."""
+    blurred = gaussian_filter(make((2, frames, 64, 64)).astype("f4"), (0, 0, 1, 1))
+    dark = np.hypot(*np.ogrid[-1:1:64j, -1:1:64j]) ** 2 / 2
+    for masks in (blurred, 0.5 + 0.5 * blurred, blurred * (1 - dark), blurred[:1], 1 - blurred):
+        assert repeated_frames(masks) == ()
+
+
+def test_views_that_cannot_be_told_apart_are_noticed(scene):
+    masks = scene.masks.astype("f4")
+    for second in (masks[0], 0.5 * masks[0], 0 * masks[0]):
+        alike = np.stack([masks[0], second])
+        result = solve(simulate(scene.truth, alike), alike, iterations=1)
+        assert any("cannot be told apart" in remark for remark in result.remarks)
 
 
 def test_the_view_whose_masks_are_wrong_is_named(scene):
