@@ -173,7 +173,7 @@ def _scene(tiles: Sequence[dict[str, Any]], sizes: Sequence[int], problem: Probl
 def merged(courses: Sequence[Sequence[Record]], norms: Sequence[float]) -> list[Record]:
     """One course of the tiles' records: their seconds together, and the residual of all; `norms` are their ``||y||``.
 
-    A tile that has stopped entries with its last record.
+    A tile that has stopped counts with its last record.
     """
     weights = np.square(norms) / max(float(np.sum(np.square(norms))), np.finfo(float).tiny)
     records = []

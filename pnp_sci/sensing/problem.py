@@ -216,7 +216,7 @@ def pose(op: SensingOperator, largest: float, y: np.ndarray, sensor: Sensor, bad
     saturated = sensor.saturated(y)
     height = float(np.abs(y).max()) or 1.0
     used = ~np.logical_or.reduce([np.zeros(y.shape, bool), *(p for p in (saturated, bad) if p is not None)])
-    light = light_of_frames(op, y, used)
+    light = light_of_frames(op, y / height, used)
     estimated, sensor = sensor.read_noise == "auto", measured(sensor, op, y, bad, light)
     sigma = np.minimum(sensor.deviation(y) / height, LOUDEST)
     y /= height

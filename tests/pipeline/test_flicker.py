@@ -75,6 +75,15 @@ def test_a_still_scene_is_seen_to_be_still(scene, strobed):
     assert ratio == pytest.approx(0.3, abs=0.03)
 
 
+@pytest.mark.parametrize("scale", [1e-300, 1, 1e300])
+def test_frames_without_light_are_dark(scene, scale):
+    """In any units."""
+    truth = scene.truth * (np.arange(10) % 2)[:, None, None]
+    y = pnp_sci.simulate(truth, scene.masks).astype(float) * scale
+    result = pnp_sci.solve(y, scene.masks, "flow", scene="full", **STROBED)
+    assert result.x[:, ::2].mean() < 0.05 * result.x[:, 1::2].mean()
+
+
 def test_predicted_errors_are_in_the_units_of_the_result(scene, strobed):
     truth, y = strobed
     result = pnp_sci.solve(y, scene.masks, "flow", uncertainty=True, **STROBED)
