@@ -6,10 +6,11 @@ import numpy as np
 
 from pnp_sci.camera.fit import Finding
 from pnp_sci.masks import views_are_separable
+from pnp_sci.sensing.sample import some_pixels
 
 SAME = 1e-3  # of the largest value: masks that differ less code nothing
-ALIKE = 0.1  # of the energy in which independent masks differ: those of two frames with less can hardly be told apart
-LATTICE = 2**14  # pixels, at most, of which masks are compared
+ALIKE = 0.03  # of the energy in which independent masks differ: those of two frames with less can hardly be told apart
+PIXELS = 2**14  # about, at most, of which masks are compared
 CONDITION = "see pnp_sci.condition(masks)"
 
 
@@ -51,12 +52,12 @@ def lost_views(masks: np.ndarray) -> tuple[Finding, ...]:
 def repeated_frames(masks: np.ndarray) -> tuple[Finding, ...]:
     """The finding of frames with nearly the same masks (V, B, H, W), in a view or in two.
 
-    Masks of two frames are nearly the same if they differ by less than a tenth of the energy by which they differ from
-    the mean of their views. Views that never change are not compared.
+    Masks of two frames are nearly the same if they differ by less than 3 % of the energy by which they differ from the
+    means of their views. Views of less than three frames, and those that never change, are not compared.
     """
     views, frames = masks.shape[:2]
-    step = int(np.ceil(np.sqrt(masks[0, 0].size / LATTICE)))
-    flat = masks[..., step // 2 :: step, step // 2 :: step].reshape(views * frames, -1).astype(np.float64)
+    rows, columns = some_pixels(masks.shape[2:], PIXELS)
+    flat = masks[..., rows, columns].reshape(views * frames, -1).astype(np.float64)
     products = np.einsum("fp,gp->fg", flat, flat)
     own = products.reshape(views, frames, views, frames)
     own = np.stack([own[v, :, v] for v in range(views)])
@@ -69,6 +70,6 @@ def repeated_frames(masks: np.ndarray) -> tuple[Finding, ...]:
     if not len(same):
         return ()
     first, second = (f"view {n // frames + 1}, frame {n % frames + 1}" for n in same[0].tolist())
-    more = f", and in {len(same) - 1} more pairs of frames" if len(same) > 1 else ""
+    more = f", and in {len(same) - 1} other pairs" if len(same) > 2 else ", and in another pair" * (len(same) - 1)
     text = f"masks are nearly the same in {first} and in {second}{more}"
     return (Finding("repeated", text, f"such frames can hardly be told apart; {CONDITION}"),)

@@ -10,7 +10,7 @@ from typing import Any
 
 import numpy as np
 
-from pnp_sci._validate import real_array, require_finite, shaped
+from pnp_sci._validate import require_finite, shaped
 from pnp_sci.errors import FormatError, InputError
 from pnp_sci.pipeline.auto import DECODER
 from pnp_sci.plugins.mosaic import decoded
@@ -86,7 +86,8 @@ def first_estimate(
         x = decoded(decoder_for("init", init, {}), problem, scene)
     else:
         with np.errstate(all="ignore"):  # what the type cannot hold is told below
-            x = real_array("init", init) / np.asarray(problem.unit, np.float64)
+            video = shaped("init", init, problem.op.shape, np.dtype(np.float64))
+            x = video / np.asarray(problem.unit, np.float64)
     x = _checked(x, problem)
     residual = length(missing(problem.y - problem.op.forward(x), problem.saturated)) / (length(problem.y) or 1.0)
     if not residual <= (EXPLODED if problem.y.any() else sys.float_info.max):

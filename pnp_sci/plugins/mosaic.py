@@ -88,7 +88,7 @@ def decoded(decoder: Decoder, problem: Problem, scene: SceneModel) -> np.ndarray
     """
     steady = problem.steady()
     if steady is not problem:
-        return decoded(decoder, steady, scene) * np.asarray(steady.unit / problem.unit, problem.op.dtype)
+        return decoded(decoder, steady, scene) * np.asarray(problem.light, problem.op.dtype)
     if problem.balance is None:
         return decoder(problem, scene)
     as_given, out = problem.unbalanced(), np.empty(problem.op.shape, problem.op.dtype)

@@ -89,7 +89,7 @@ class Problem:
         """The problem of the video in steady light: masks times light, which a prior that compares frames needs."""
         if self.light is None or np.ndim(self.unit):
             return self
-        op = SensingOperator((self.op.masks * self.light).astype(self.op.dtype), self.op.dtype)
+        op = SensingOperator(self.op.masks * self.light.astype(self.op.dtype), self.op.dtype)
         return replace(self, op=op, unit=self.unit * self.light)
 
     def crop(self, where: tuple[slice, slice]) -> Problem:

@@ -264,7 +264,7 @@ def test_masks_that_repeat_are_noticed(scene, noise):
     within, beside = masks.copy(), masks.copy()
     within[1, 7], beside[1] = masks[1, 2], np.roll(masks[0], 4, 0)
     for repeated, first, second, more in ((within, "view 2, frame 3", "view 2, frame 8", ""),
-                                          (beside, "view 1, frame 1", "view 2, frame 5", "9 more pairs")):  # fmt: skip
+                                          (beside, "view 1, frame 1", "view 2, frame 5", "9 other pairs")):  # fmt: skip
         calibrated = repeated + noise * np.random.default_rng(0).random(masks.shape)
         (warning,) = check_fit(simulate(scene.truth, repeated), calibrated).warnings
         assert f"in {first} and in {second}" in warning
@@ -276,7 +276,7 @@ def test_masks_that_repeat_are_noticed(scene, noise):
 @pytest.mark.parametrize("frames", [2, 3, 20])
 def test_masks_that_are_alike_do_not_repeat(make, frames):
     """Blurred patterns that move, with stray light, beside a lens that vignettes."""
-    blurred = gaussian_filter(make((2, frames, 64, 64)).astype("f4"), (0, 0, 1, 1))
+    blurred = gaussian_filter(make((2, frames, 64, 64)).astype("f4"), (0, 0, 2, 2))
     dark = np.hypot(*np.ogrid[-1:1:64j, -1:1:64j]) ** 2 / 2
     for masks in (blurred, 0.5 + 0.5 * blurred, blurred * (1 - dark), blurred[:1], 1 - blurred):
         assert repeated_frames(masks) == ()

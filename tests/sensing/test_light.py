@@ -4,9 +4,11 @@ import numpy as np
 import pytest
 from hypothesis import given, strategies
 from hypothesis.extra.numpy import arrays
+from scipy.ndimage import gaussian_filter
 
 import pnp_sci
 from pnp_sci import SensingOperator, Sensor
+from pnp_sci.camera.mask_frames import repeated_frames
 from pnp_sci.sensing.light import light_of_frames
 from pnp_sci.sensing.problem import check_operator, pose
 
@@ -65,6 +67,35 @@ def test_pixels_that_are_not_used_tell_nothing(scene):
     )
     np.testing.assert_array_equal(first, second)
     assert distance(first[..., 0, 0], STROBED) < 0.1
+
+
+@pytest.mark.parametrize("frames", [1, 2, 10])
+@pytest.mark.parametrize("level", [0, 0.02])
+def test_a_dark_view_does_not_tell_its_light(scene, frames, level):
+    truth = scene.truth[:, :frames] * np.array([1, level])[:, None, None, None]
+    for seed in range(5):
+        assert (found(truth, pnp_sci.random_masks(truth.shape, seed=seed)) == 1).all()
+
+
+def test_masks_of_any_sign_tell_it(scene):
+    for masks in (-scene.masks.astype(float), 2.0 * scene.masks - 1):
+        assert distance(found(scene.truth * STROBED[:, None, None], masks), STROBED) < 0.1
+
+
+def test_periodic_masks_tell_it():
+    """Each frame has one pixel of every square of two, in pictures of which not all pixels are looked at."""
+    masks = np.zeros((1, 4, 256, 256))
+    for b in range(4):
+        masks[0, b, b // 2 :: 2, b % 2 :: 2] = 1
+    film = np.repeat(pnp_sci.datasets.embedded_scene(256).truth[:1, :1], 4, 1)
+    assert distance(found(film * STROBED[:4, None, None], masks), STROBED[:4]) < 0.05
+    assert repeated_frames(masks) == ()
+
+
+def test_blurred_masks_tell_nothing(scene):
+    """Those of the real captures differ so little from frame to frame that their errors would count as light."""
+    masks = gaussian_filter(pnp_sci.moving_masks(scene.truth.shape).astype(float), (0, 0, 1, 1))
+    assert (found(scene.truth * STROBED[:, None, None], masks) == 1).all()
 
 
 def test_masks_that_do_not_differ_tell_nothing(scene):
