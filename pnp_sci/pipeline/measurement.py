@@ -103,7 +103,6 @@ def reconstruct(
     )  # fmt: skip
     backend = request.backend
     plan = in_time(plan, reduced, joint.y, backend)
-    units = [problem.unit for problem in window.of_kept(problems)]
     told = Unseen(joint, reduced, plan, traits.strong and request.sigma is None, backend)
     watch.expect(plan.iterations)
 
@@ -114,7 +113,8 @@ def reconstruct(
     def score(x: Array) -> float | None:
         if truth is None:
             return None
-        return float(np.mean([truth.psnr(v, n, unit) for n, v, unit in zip(window.kept, kept(backend.get(x)), units)]))
+        videos = zip(kept(backend.get(x)), window.kept, window.of_kept(problems))
+        return float(np.mean([truth.psnr(v, n, problem.unit) for v, n, problem in videos]))
 
     with backend.running():
         session = InTurn(plan.serves, reduced.shape, reduced.dtype, backend.device)
@@ -128,12 +128,11 @@ def reconstruct(
             noise=joint.typical_noise, most=held(reduced, joint.y), score=score, saturated=saturated, finish=finish,
         )  # fmt: skip
         remember(plan, reduced.shape, [record.seconds for record in records], finish.seconds, backend)
-        for video, own, unit in zip(kept(backend.get(state.x)), out, units):
-            put(video, own, unit)
+        for video, own, problem in zip(kept(backend.get(state.x)), out, window.of_kept(problems)):
+            put(video, own, problem.unit)
         facts = session.facts()
-    remarks = remarks + _unexplained(joint, status, records)
     own = [told.of(problem) for problem in window.of_kept(problems)]
-    scenes = [_found(scene, problem, facts, remarks) for problem in own]
+    scenes = [_found(scene, problem, facts, remarks + _unexplained(joint, status, records)) for problem in own]
     records = [replace(record, measurement=window.kept.start) for record in records]
     if truth and records:
         _compare(truth, window.kept, out, records, scenes)
