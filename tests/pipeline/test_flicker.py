@@ -34,7 +34,8 @@ def test_the_video_is_nearly_as_good_as_in_steady_light(scene, strobed):
     truth, y = strobed
     with_flow = pnp_sci.solve(y, scene.masks, "flow", reference=truth, peak=1, **STROBED)
     steady = pnp_sci.solve(scene.y, scene.masks, "flow", **STROBED)
-    assert score(with_flow.x, truth) > score(steady.x, scene.truth) + 2  # 20 log10(mean / rms) of LIGHT is 3.2 dB less
+    # a scene with 0.65 of the light has errors that are 3.7 dB smaller
+    assert score(with_flow.x, truth) > score(steady.x, scene.truth) + 2
     assert with_flow.history[-1].psnr == pytest.approx(score(with_flow.x, truth), abs=1e-3)
     assert is_lit_by(LIGHT, with_flow.scene)
     assert "light: of view 2 frames are lit by 0." in str(with_flow)
