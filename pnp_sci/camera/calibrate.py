@@ -8,12 +8,13 @@ import numpy as np
 
 from pnp_sci._validate import positive_number, real_array, require_finite, whole
 from pnp_sci.camera.calibration import Calibration, cut
-from pnp_sci.camera.clipped import Clipped, clipped
+from pnp_sci.camera.clipped import Clipped, clipped, grey_level
 from pnp_sci.camera.quality import lamp_gains, measure_quality
 from pnp_sci.errors import InputError
 
 SURE = 8.0  # robust standard deviations: no pixel of 1e7 with Gaussian noise is that far from its neighbours
 DEAD = 0.3  # of the neighbours' response to light: less is no lens's shading
+LEVELS = 20  # grey levels in a picture: with fewer, its steps are not those of a camera's rounding
 AROUND = 5  # pixels: side of the median that neighbours have
 
 
@@ -78,7 +79,7 @@ def calibrate(
     light = np.stack([[average(p) - black for p in view] for view in pictures])  # (V, B, H, W)
     whites = None if white is None else _whites(white, crop, size, views)
     response = None if whites is None else _response(whites, black, views)
-    grain = 0.5 if darks.dtype.kind in "iu" else 0.0  # of rounding to grey levels
+    grain = _grain(darks[0], pictures[0, 0, 0])
     bad = _far(black, grain) | _far(darks.std(0), grain) | _saturated(pictures, whites, full_scale)
     shading = light.max(1) if response is None else response  # what each pixel sees of an open element
     bad |= np.all([picture < DEAD * _median(picture) for picture in shading], axis=0)
@@ -124,6 +125,13 @@ def _far(picture: np.ndarray, grain: float) -> np.ndarray:
     rest = picture - _median(picture)
     spread = max(1.4826 * float(np.median(np.abs(rest))), grain)
     return rest > np.float64(max(SURE * spread, np.finfo(np.float32).eps * np.abs(picture).max(), 1e-12))
+
+
+def _grain(*pictures: np.ndarray) -> float:
+    """Half a grey level of pictures (H, W), whatever their type and unit; 0 if they are not rounded."""
+    step = grey_level(*map(np.ravel, pictures))
+    span = np.ptp(np.stack(pictures).astype(np.float64))
+    return step / 2 if LEVELS * step < span else 0.0
 
 
 def _median(picture: np.ndarray) -> np.ndarray:

@@ -48,14 +48,14 @@ def clipped(name: str, pictures: np.ndarray, dark: np.ndarray, good: np.ndarray,
     there = int((values == top).sum())
     if there < max(FEW, PART * values.size):
         return None
-    level, noise = _level(values.reshape(-1, values.shape[-1])[0], dark.ravel()), _noise(values, top, dark)
+    level, noise = grey_level(values.reshape(-1, values.shape[-1])[0], dark.ravel()), _noise(values, top, dark)
     below = int(((values >= top - max(noise, level)) & (values < top)).sum())
     if noise == 0 or noise < COARSE * level or there <= 2 * below:
         return None
     return Clipped(name, float(top), there / values.size)
 
 
-def _level(*pictures: np.ndarray) -> float:
+def grey_level(*pictures: np.ndarray) -> float:
     """The step between grey levels: the smallest difference of values in pictures (P,)."""
     steps = np.diff(np.unique(np.concatenate(pictures).astype(np.float64)))
     return float(steps.min(initial=np.inf))

@@ -232,11 +232,32 @@ def test_command(tmp_path, monkeypatch):
     assert pnp_sci.Result.load("result.npz").x.shape == (V, B, SIDE, SIDE)
 
 
-def test_rounding_makes_no_pixel_bad():
-    """The median deviation of whole numbers is often 0."""
-    dark = np.full((4, SIDE, SIDE), 2, np.uint8) + (RNG.random((4, SIDE, SIDE)) < 0.05)
-    raw = (2 + 100 * MASKS[:, :, None]).astype(np.uint8)
-    assert not (calibrate(dark, None, raw).bad & MASKS.any((0, 1))).any()
+UNITS = {
+    "bytes": lambda levels: levels.astype(np.uint8),
+    "whole floats": lambda levels: levels,
+    "parts of 255": lambda levels: (levels / 255).astype(np.float32),
+    "12 bits in the upper ones of 16": lambda levels: levels.astype(np.uint16) << 4,
+}
+
+
+@pytest.mark.parametrize("unit", UNITS)
+@pytest.mark.parametrize("repeats", [1, 4, 5])
+@pytest.mark.parametrize("noise", [0.15, 0.3, 0.6])
+def test_rounding_makes_no_pixel_bad(unit, repeats, noise):
+    """The median deviation of whole numbers is often 0, whatever they are stored as."""
+    rng = np.random.default_rng(0)
+    light = np.concatenate([np.zeros((repeats, SIDE, SIDE)), 100.0 * MASKS.reshape(-1, SIDE, SIDE)])
+    levels = np.round(16.2 + light + noise * rng.standard_normal(light.shape))
+    levels[:repeats, 7, 9] = 60  # a hot pixel
+    dark, raw = np.split(UNITS[unit](levels), [repeats])
+    bad = calibrate(dark, None, raw.reshape(MASKS.shape)).bad & MASKS.any((0, 1))
+    assert np.argwhere(bad).tolist() == [[7, 9]]
+
+
+def test_hot_pixels_are_found_where_there_is_no_noise():
+    dark = np.full((SIDE, SIDE), 100.0)
+    dark[7, 9] = 1500
+    assert np.argwhere(calibrate(dark, None, dark + 3000 * MASKS).bad & MASKS.any((0, 1))).tolist() == [[7, 9]]
 
 
 def test_white_that_is_saturated():
