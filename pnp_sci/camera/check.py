@@ -15,7 +15,8 @@ from pnp_sci.camera.groups import hot_groups
 from pnp_sci.camera.mask_frames import lost_frames, lost_views, repeated_frames, static_views
 from pnp_sci.camera.outliers import negative, outliers
 from pnp_sci.camera.pile import pile
-from pnp_sci.camera.values import beyond, centred, loud, saturation, sign, unlike
+from pnp_sci.camera.stuck import stuck_lines
+from pnp_sci.camera.values import beyond, centred, loud, saturation, sign, stuck_at, unlike
 from pnp_sci.camera.verdict import judge_code, shift_of, told
 from pnp_sci.errors import InputError
 from pnp_sci.sensing.operator import SensingOperator
@@ -117,6 +118,17 @@ class Masks:
 
     def fit(self, y: np.ndarray, sensor: Sensor, bad: np.ndarray | None, warn_of_bad: bool) -> Fit:
         """How y (H, W) fits; `bad` pixels (H, W) must be 0 in it."""
+        usable = np.ones(y.shape, bool) if bad is None else ~bad
+        saturated = sensor.saturated(y)
+        stuck = stuck_lines(y, self.sums, usable if saturated is None else usable & ~saturated)
+        if self.signed or not stuck.any():
+            return self._fit(y, sensor, bad, warn_of_bad)
+        fit = self._fit(np.where(stuck, 0, y), sensor, ~usable | stuck, warn_of_bad)
+        found = (stuck_at(y[stuck]), *fit.findings) if warn_of_bad else fit.findings
+        return replace(fit, stuck=stuck, findings=found)
+
+    def _fit(self, y: np.ndarray, sensor: Sensor, bad: np.ndarray | None, warn_of_bad: bool) -> Fit:
+        """How y (H, W) fits, of which no line is stuck."""
         height = float(np.abs(y).max())
         nothing = np.zeros(y.shape, bool)
         if height == 0:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
+from pnp_sci.camera.rise import rise
 from pnp_sci.camera.verdict import HALF, LIKELY
 
 BRIGHT = 0.95  # quantile of y: a group is brighter than most of the picture
@@ -53,10 +54,8 @@ def hot_groups(y: np.ndarray, masks: np.ndarray, usable: np.ndarray) -> np.ndarr
 
 def _ignores(y: np.ndarray, light: np.ndarray) -> bool:
     """Whether y rises less than the light that masks let pass, both (N,), in units of their means."""
-    light, y = light / max(float(light.mean()), 1e-30) - 1, y / y.mean() - 1
-    squares, top = float(light @ light), y.max()
-    if squares == 0 or np.quantile(y, TOP) > top - EQUAL or np.sum(y == top) > 2:  # equal values may be saturated
+    y = y / y.mean()
+    if np.quantile(y, TOP) > y.max() - EQUAL or np.sum(y == y.max()) > 2:  # equal values may be saturated
         return False
-    slope = float(light @ y) / squares
-    error = np.sqrt(float(np.sum(np.square(y - slope * light))) / ((y.size - 2) * squares))
-    return bool(slope + LIKELY * error < HALF)
+    slope, error = rise(y, light)
+    return slope + LIKELY * error < HALF

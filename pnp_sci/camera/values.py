@@ -21,6 +21,8 @@ REACHED = 0.97  # of the largest signed value: unsigned data above it reach that
 WRAPPED = 0.9  # of the largest unsigned value: what has wrapped below 0 is above that
 OFTEN = 0.01  # of the pixels: hot ones are fewer
 
+LEAVE = 'bad="auto" leaves them out, or bad= a picture of the bad pixels'
+
 
 def unlike(y, weight, hot, dead, good) -> list[Finding]:
     """The findings of hot and dead pixels, if they are more than a certain part of the energy of y."""
@@ -29,8 +31,7 @@ def unlike(y, weight, hot, dead, good) -> list[Finding]:
     others = good & ~hot & ~dead
     level = expected(y, weight, others)
     light = float(np.sum(np.square(y), where=others))
-    leave = 'bad="auto" leaves them out, or bad= a picture of the bad pixels'
-    hints = {"hot": f"{leave}; points of light of one or two pixels look alike, and are lost by that", "dead": leave}
+    hints = {"hot": f"{LEAVE}; points of light of one or two pixels look alike, and are lost by that", "dead": LEAVE}
     found = []
     for kind, where, how in (("hot", hot, "much brighter"), ("dead", dead, "much darker")):
         if float(np.sum(np.square(y - level), where=where)) > HARMFUL[kind] * light:
@@ -38,6 +39,12 @@ def unlike(y, weight, hot, dead, good) -> list[Finding]:
             text = f"{count} pixel{'s are' if count > 1 else ' is'} {how} than masks and neighbours allow"
             found.append(Finding(kind, text, hints[kind]))
     return found
+
+
+def stuck_at(y: np.ndarray) -> Finding:
+    """The finding of values y (N,) of columns or rows that are stuck."""
+    value = f"{y.min():.7g}" if np.ptp(y) == 0 else f"values from {y.min():.7g} to {y.max():.7g}"
+    return Finding("stuck", f"{y.size} pixels of columns or rows are stuck at {value}, whatever the masks", LEAVE)
 
 
 def beyond(top: float, sensor: Sensor) -> list[Finding]:

@@ -1,0 +1,18 @@
+"""How values rise with the light that masks let pass."""
+
+from __future__ import annotations
+
+import numpy as np
+
+
+def rise(y: np.ndarray, light: np.ndarray) -> tuple[float, float]:
+    """The slope of y against light, both (N,) and in units of their means, and its standard error.
+
+    It is 1 for what is seen through the masks, and 0 for what a pixel reads without them.
+    """
+    light, y = light / max(float(light.mean()), 1e-30) - 1, y / y.mean() - 1
+    squares = float(light @ light)
+    if squares == 0 or y.size < 3:
+        return 0.0, np.inf
+    slope = float(light @ y) / squares
+    return slope, float(np.sqrt(np.sum(np.square(y - slope * light)) / ((y.size - 2) * squares)))

@@ -1,0 +1,89 @@
+"""Columns and rows of the sensor that are stuck are found; saturated, dark and uniform ones are not stuck."""
+
+import numpy as np
+import pytest
+
+from pnp_sci import check_fit, datasets, moving_masks, psnr, random_masks, simulate, solve
+
+LINES = {
+    "a column": (slice(None), slice(30, 31)),
+    "two columns": (slice(None), slice(30, 32)),
+    "a row": (slice(77, 78), slice(None)),
+    "half a column": (slice(0, 64), slice(50, 51)),
+    "a part of a row": (slice(60, 61), slice(40, 60)),
+}
+
+
+@pytest.fixture(scope="module")
+def scene():
+    return datasets.embedded_scene(128)
+
+
+def stuck(y, masks):
+    found = check_fit(y, masks).stuck
+    return np.zeros(y.shape, bool) if found is None else found
+
+
+@pytest.mark.parametrize("name", LINES)
+@pytest.mark.parametrize("level", [0.25, 0.5, 1, 1.3])
+@pytest.mark.parametrize("noise", [0, 0.02])
+@pytest.mark.parametrize("make", [random_masks, moving_masks])
+def test_stuck_lines_are_found(scene, name, level, noise, make):
+    masks = make(scene.masks.shape, seed=3)
+    y = np.round(4000 * simulate(scene.truth, masks, noise) / scene.truth.shape[1])
+    line = np.zeros(y.shape, bool)
+    line[LINES[name]] = True
+    y[line] = np.round(level * y.max())
+    fit = check_fit(y, masks)
+    assert (fit.stuck & line).sum() == line.sum()
+    assert (fit.bad & ~line).sum() <= 2  # a pixel next to the line may have its value
+    assert [finding.kind for finding in fit.findings] == ["stuck"]
+
+
+def test_a_stuck_column_may_have_noise(scene):
+    y = simulate(scene.truth, scene.masks, 0.005)
+    y[:, 40] = y.mean() * (1 + 0.005 * np.random.default_rng(0).standard_normal(128))
+    assert np.array_equal(np.flatnonzero(stuck(y, scene.masks).sum(0) > 64), [40])
+
+
+def test_it_is_left_out(scene):
+    y = scene.y.copy()
+    y[:, 40] = 1.2 * y.max()
+    kept, left_out = (solve(y, scene.masks, prior="tv", bad=bad) for bad in (None, "auto"))
+    assert any("stuck" in str(remark) for remark in kept.remarks)
+    assert left_out.scene["bad"] >= 128
+    assert psnr(left_out.x, scene.truth).mean() > psnr(kept.x, scene.truth).mean() + 0.5
+
+
+HEALTHY = {
+    "saturated": lambda y: np.minimum(y, 0.6 * y.max()),
+    "saturated, with noise": lambda y: np.minimum(y + 0.02 * y.std() * RNG.standard_normal(y.shape), 0.6 * y.max()),
+    "20 grey levels": lambda y: np.maximum(np.round(20 * y / y.max() + 0.5 * RNG.standard_normal(y.shape)), 0),
+    "on a black level": lambda y: np.round(200 * y / y.max()) + 16,
+    "as it is": lambda y: y,
+}
+SCENES = {
+    "uniform": lambda film: 0 * film + 0.5,
+    "smooth": lambda film: 0 * film + np.linspace(0.1, 1, film.shape[-1]),
+    "half of it dark": lambda film: film * (np.arange(film.shape[-1]) < 64),
+    "black lines": lambda film: film * (np.arange(film.shape[-1]) % 16 > 0),
+    "bright lines": lambda film: film + 3 * (np.arange(film.shape[-1]) % 16 == 0),
+}
+RNG = np.random.default_rng(0)
+
+
+def stop(shape, seed):
+    """Masks that leave lines dark, open or grey."""
+    masks = random_masks(shape, seed=seed).astype(float)
+    masks[..., :5], masks[..., 50], masks[..., 33, :] = 0, 1, 0.2
+    return masks
+
+
+@pytest.mark.parametrize("change", HEALTHY)
+@pytest.mark.parametrize("light", SCENES)
+@pytest.mark.parametrize("make", [random_masks, moving_masks, stop])
+def test_healthy_lines_are_not_stuck(scene, change, light, make):
+    for views, density in ((1, 0.5), (2, 0.1)):
+        masks = make((views, 8, 128, 128), seed=views) if make is stop else make((views, 8, 128, 128), density, seed=1)
+        y = simulate(SCENES[light](scene.truth[:views, :8]), masks)
+        assert not stuck(HEALTHY[change](y), masks).any()
