@@ -6,11 +6,15 @@ import numpy as np
 
 from pnp_sci.camera.fit import Finding
 from pnp_sci.camera.outliers import expected
+from pnp_sci.camera.rise import rise
+from pnp_sci.camera.verdict import HALF
 from pnp_sci.sensing.sensor import Sensor
 
 KNOWN = 0.9  # of the pixels of a pile: if so many are known to be saturated, the full scale is right
 BEYOND = 1.5  # of the full scale: values that are larger have other units
-HARMFUL = {"hot": 1e-2, "dead": 2e-3}  # of the energy of y: outliers of that much are worth a warning
+HARMFUL = {"hot": 1e-3, "dead": 1.5e-3}  # of the energy of y: outliers of that much cost some tenths of a dB
+LIGHTS = 1e-2  # of the energy of y: as much is worth a warning even if points of light may look so
+SEVERAL = 4  # hot pixels: fewer do not tell whether they follow the masks
 FEWEST = 25  # values: fewer do not tell how much y varies
 LOUD = 3.0  # standard deviations of y: noise above that is impossible, also where y is clipped at 0
 BELOW = 0.5  # standard deviations of y: so far below 0 no mean of noise is
@@ -29,16 +33,26 @@ def unlike(y, weight, hot, dead, good) -> list[Finding]:
     if not (hot.any() or dead.any()):
         return []
     others = good & ~hot & ~dead
-    level = expected(y, weight, others)
+    excess = y - expected(y, weight, others)
     light = float(np.sum(np.square(y), where=others))
+    limits = {"hot": _limit_of_hot(excess[hot], weight[hot]), "dead": HARMFUL["dead"]}
     hints = {"hot": f"{LEAVE}; points of light of one or two pixels look alike, and are lost by that", "dead": LEAVE}
     found = []
     for kind, where, how in (("hot", hot, "much brighter"), ("dead", dead, "much darker")):
-        if float(np.sum(np.square(y - level), where=where)) > HARMFUL[kind] * light:
+        if float(np.sum(np.square(excess), where=where)) > limits[kind] * light:
             count = int(where.sum())
             text = f"{count} pixel{'s are' if count > 1 else ' is'} {how} than masks and neighbours allow"
             found.append(Finding(kind, text, hints[kind]))
     return found
+
+
+def _limit_of_hot(excess: np.ndarray, weight: np.ndarray) -> float:
+    """The part of the energy of y from which on hot pixels are worth a warning, by what they add to y, both (N,).
+
+    Points of light are told from hot pixels as what they add rises with the weight, the sum of the masks.
+    """
+    slope, error = rise(excess, weight) if excess.size >= SEVERAL else (HALF, np.inf)
+    return HARMFUL["hot"] if slope + error < HALF else np.inf if slope - error > HALF else LIGHTS
 
 
 def stuck_at(y: np.ndarray) -> Finding:

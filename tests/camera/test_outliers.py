@@ -79,6 +79,21 @@ def test_noise_about_zero_makes_no_dead_pixels(scene, noise):
         assert check_fit(np.round(y * 50), masks).bad.sum() <= 1
 
 
+@pytest.mark.parametrize("make", [random_masks, moving_masks])
+@pytest.mark.parametrize("seed", range(3))
+def test_a_few_hot_pixels_are_said_and_points_of_light_are_not(scene, make, seed):
+    """0.2 % of the pixels cost 1 to 7 dB. What hot pixels add does not rise with the masks, as points of light do."""
+    film = scene.truth[:1, :8]
+    rng, masks = np.random.default_rng(seed), make(film.shape, seed=seed)
+    y = simulate(film, masks, 0.005)
+    chosen = rng.random(y.shape) < 0.002
+    hot = check_fit(y + chosen * rng.uniform(0.5, 1.2, y.shape) * y.max(), masks)
+    assert [finding.kind for finding in hot.findings] == ["hot"]
+    lit = check_fit(simulate(film + chosen * rng.uniform(0.5, 2, y.shape), masks, 0.005), masks)
+    assert lit.hot.any()
+    assert lit.ok
+
+
 GROUPS = {
     "two columns": (slice(None), slice(30, 32)),
     "a row": (slice(77, 78), slice(None)),
