@@ -217,6 +217,28 @@ def test_measurements_alike_count_as_one_for_the_black_level(black):
         assert abs(found - black) < 0.005
 
 
+@pytest.mark.parametrize("make", [pnp_sci.random_masks, pnp_sci.moving_masks])
+@pytest.mark.parametrize("width", [4, 10])
+def test_stray_light_in_a_part_of_the_picture_is_no_negative_level(make, width):
+    """Bug: it tilts the line of the light against the mean, which then meets 0 at up to minus the maximum of y."""
+    picture = gaussian_filter(np.random.default_rng(0).random((SIZE, SIZE)), width)
+    masks = make((1, 8, SIZE, SIZE), seed=0)
+    y = seen_through(masks, np.tile(0.4 + 0.6 * (picture - picture.min()) / np.ptp(picture), (1, 8, 1, 1)))
+    down, right = np.indices((SIZE, SIZE)) / SIZE
+    for stray in (np.exp(-((down - 0.7) ** 2 + (right - 0.3) ** 2) / 0.03), down, right):
+        for part in (0.15, 0.3):
+            assert 0 <= pnp_sci.register(y + part * y.max() * stray, masks).black_level <= part * y.max()
+
+
+@pytest.mark.parametrize("level", [-0.2, -0.05, 0.03, 0.5])
+@pytest.mark.parametrize("contrast", [0.8, 1.25])
+def test_a_level_is_found_where_masks_have_another_contrast(scene, level, contrast):
+    y = seen_through(scene.masks, scene.truth)
+    mean = scene.masks.mean()
+    found = pnp_sci.register(y + level * y.max(), mean + contrast * (scene.masks - mean))
+    assert found.black_level == pytest.approx(level * y.max(), abs=0.08 * y.max())
+
+
 def test_values_of_one_block_may_depend_on_each_other():
     random = np.random.default_rng(0)
     x, weight = random.random(20), 1 + random.random(20)
