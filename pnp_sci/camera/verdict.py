@@ -92,7 +92,7 @@ def _sharpness(match: Match) -> Finding:
     soft = match.blur.value[0] > 0
     hint = "focus of the calibration and of the capture may differ; calibrate the masks as y is recorded"
     hint += f", or blur them: {REGISTER}" if soft else ""
-    return Finding("sharpness", f"the code in y is {"less" if soft else "more"} sharp than the masks", hint)
+    return Finding("sharpness", f"the code in y is {'less' if soft else 'more'} sharp than the masks", hint)
 
 
 def _weak(code: Code, y: np.ndarray, match: Match) -> Finding:
