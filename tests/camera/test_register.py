@@ -85,7 +85,7 @@ def test_views_may_move_apart(scene):
 
 
 def test_one_view_may_move_though_texture_hides_more_than_it_explains():
-    """Bug: both views had a transform between their own, which cost 4 to 5 dB."""
+    """Bug: both views had a transform between their own."""
     texture = gaussian_filter(np.random.default_rng(0).random((2, 8, SIZE, SIZE)), (0, 4, 1.2, 1.2))
     truth = np.clip(0.4 + 0.3 * (texture - 0.5) / texture.std(), 0, 1)
     masks = pnp_sci.random_masks(truth.shape, seed=1)
