@@ -10,7 +10,7 @@ from pnp_sci.camera.straight_line import least_squares, straight_line
 from pnp_sci.sensing.noise import blocks
 
 FLOOR = 0.01  # of the median variance of the blocks: none counts as exact
-CHANCE = 3.0  # standard errors by which the slope may differ from 1
+CHANCE = 3.0  # standard errors: what is nearer to 1, or to 0, is that but for chance
 
 
 def black_level(model: LocalModel, fit: LocalFit) -> tuple[float, float]:
@@ -19,17 +19,30 @@ def black_level(model: LocalModel, fit: LocalFit) -> tuple[float, float]:
     The levels of the views come from fine detail, which no constant reaches. So does the light of a block, that of the
     levels times the masks. It is a straight line of the mean of y there; the black level is where the line meets 0. The
     slope is 1 if the masks have the right contrast. If it is not, within three standard errors, it is fitted too.
-    Masks that complement each other do not tell the light: then the level is 0, with an infinite error.
+
+    Stray light in a part of the picture tilts the line, so that it meets 0 far away. So the level must be more than
+    three standard errors, and y less the level must be closer to the light than y is. If not, it is 0; where the last
+    fails, y does not tell it, and the error is infinite. So it is if masks complement each other: they do not tell the
+    light.
     """
     if not model.tells_light:
         return 0.0, float("inf")
     mean, light, weight = _blocks(model.measurements, fit)
     if mean.shape[1] < 3:
         return 0.0, float("inf")
+    level, error = _where_no_light_is(mean, light, weight)
+    if abs(level) <= CHANCE * error:
+        return 0.0, error
+    before, after = (float(np.sum(weight * (light - y) ** 2)) for y in (mean, mean - level))
+    return (level, error) if after < before else (0.0, float("inf"))
+
+
+def _where_no_light_is(mean: np.ndarray, light: np.ndarray, weight: np.ndarray) -> tuple[float, float]:
+    """Where the line of the light against the mean meets 0, and its standard error."""
     (start, slope), errors = straight_line(mean, light, weight)
     if abs(slope - 1) > CHANCE * float(np.sqrt(errors[1, 1])) and slope > 0:
         along = np.array([-1 / slope, start / slope**2])  # of -start / slope
-        return -start / slope, float(np.sqrt(along @ errors @ along))
+        return float(-start / slope), float(np.sqrt(along @ errors @ along))
     level, error = least_squares(np.ones((*mean.shape, 1)), mean - light, weight)
     return float(level[0]), float(np.sqrt(error[0, 0]))
 

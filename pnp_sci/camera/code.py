@@ -45,6 +45,8 @@ class Match:
         Mean level of each view.
     off : Estimate
         Shift of the masks in rows and columns that would explain more, to first order in pixels.
+    turn : Estimate
+        Rotation and growth of the masks that would explain more, to first order in pixels at half of the longer side.
     blur : Estimate
         Weight of the masks' Laplacian that would explain more: positive where y is less sharp than they are.
     lag : Estimate
@@ -59,6 +61,7 @@ class Match:
     contrast: float
     level: Estimate
     off: Estimate
+    turn: Estimate
     blur: Estimate
     lag: Estimate
 
@@ -107,6 +110,12 @@ class Code:
 
         return np.conj(np.asarray(rfft2(self.detail)))
 
+    @cached_property
+    def from_centre(self) -> np.ndarray:
+        """Rows and columns from the centre, as parts of half of the longer side, (2, H, W)."""
+        down, right = (np.arange(n, dtype=np.float32) - (n - 1) / 2 for n in self.used.shape)
+        return np.stack(np.meshgrid(down, right, indexing="ij")) / np.float32(max(self.used.shape) / 2)
+
     def mean(self, picture: np.ndarray) -> np.ndarray:
         """Gaussian mean of a picture (H, W) over the good pixels."""
         from scipy.ndimage import gaussian_filter
@@ -147,7 +156,13 @@ class Code:
         left_over = detail - predicted
         explained, total = float(levels @ products.sum(1)), float(np.einsum("hw,hw->", detail, detail))
         follows, error, light, light_error = self._follows(products, self.in_blocks(y * self.used)[self.blocks])
-        rows, columns = (self._beside(_slope(predicted, axis), left_over, explained) for axis in (0, 1))
+        by_rows, by_columns = (_slope(predicted, axis) for axis in (0, 1))
+        down, right = self.from_centre
+        turned, grown = down * by_columns - right * by_rows, down * by_rows + right * by_columns
+        off, turn = (
+            _together(*(self._beside(term, left_over, explained) for term in terms))
+            for terms in ((by_rows, by_columns), (turned, grown))
+        )
         return Match(
             follows,
             error,
@@ -156,7 +171,8 @@ class Code:
             explained / total if total else 0.0,
             total / max(self._least(mean), 1e-30),
             self._level(levels, left_over),
-            Estimate(rows.value + columns.value, max(rows.errors, columns.errors), rows.gain + columns.gain),
+            off,
+            turn,
             self._beside(_laplacian(predicted), left_over, explained),
             self._lag(detail, predicted, explained),
         )
@@ -242,6 +258,10 @@ def _ratio(over: np.ndarray, under: np.ndarray) -> tuple[float, float]:
     """The ratio of the sums over blocks (K,), and its standard error."""
     ratio = over.sum() / under.sum()
     return float(ratio), float(_error(over - ratio * under) / abs(under.sum()))
+
+
+def _together(one: Estimate, other: Estimate) -> Estimate:
+    return Estimate(one.value + other.value, max(one.errors, other.errors), one.gain + other.gain)
 
 
 def _slope(picture: np.ndarray, axis: int) -> np.ndarray:

@@ -13,7 +13,7 @@ from pnp_sci.camera.explained import BLOCK
 from pnp_sci.camera.local_model import LocalModel
 from pnp_sci.camera.refine import Refined
 from pnp_sci.camera.registration import Registration
-from pnp_sci.camera.search import CHANCE, search, trusted, whole_pixels
+from pnp_sci.camera.search import search, trusted, whole_pixels
 from pnp_sci.camera.warp import ORDERS, Transform
 from pnp_sci.errors import InputError
 from pnp_sci.sensing.operator import SensingOperator, as_masks
@@ -109,7 +109,7 @@ def _registration(given: np.ndarray, found: Refined, before: float) -> Registrat
         given=given,
         transforms=tuple(kept),
         errors=tuple(_errors(found, v) for v in range(len(given))),
-        black_level=level if abs(level) > CHANCE * error else 0.0,
+        black_level=level,
         black_error=error,
         interpolation=found.model.interpolation,
         before=before,

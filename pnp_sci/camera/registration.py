@@ -27,9 +27,10 @@ class Registration:
     errors : tuple of Transform
         Standard errors of the fields of the transforms, for each view.
     black_level : float
-        What y has without light, in its units; 0 if the estimate is within three standard errors of 0.
+        What y has without light, in its units; 0 if the estimate is within three standard errors of 0, or if y does
+        not tell it.
     black_error : float
-        Its standard error.
+        Its standard error; infinite if y does not tell it.
     gain : float
         1: a gain changes the unit of the video alone, and y does not tell it.
     interpolation : "linear" or "cubic"

@@ -23,6 +23,7 @@ MIRRORS = (  # the last for squares only
 ENOUGH = 0.1  # least explained share that is trusted where the light cannot be told; wrong masks that move reach 0.08
 CHANCE = 3.0  # standard errors: estimates nearer to 0 count as 0
 NEGLIGIBLE = 0.02  # pixels: masks that far off cost some 0.05 dB
+MATERIAL = 0.05  # of the explained share: a view that is so dim that its transform is by chance adds less
 MOTIONS = 4  # shift along rows and columns, rotation, scale
 NO_BLUR = 0.01  # pixels squared: such blur changes masks as little as that shift does
 
@@ -46,6 +47,8 @@ def search(models: list[LocalModel], each_view: bool | Literal["auto"]) -> Refin
     starts = _starts(best, start)
     own = _refined([best.model] if starts == best.transforms else models, starts, apart)
     if each_view is True:
+        return own
+    if _explains_more(own, best) and _views_differ(own):
         return own
     strong = own.fit.strong
     if strong.sum() < 2:
@@ -109,6 +112,15 @@ def _is_blurred(found: Refined) -> bool:
 
 def _sharp(transforms: list[Transform]) -> list[Transform]:
     return [replace(transform, blur=0.0) for transform in transforms]
+
+
+def _explains_more(own: Refined, best: Refined) -> bool:
+    """Whether transforms of their own explain more than one for all views, by more than chance and materially.
+
+    Then they are real, even if more is left unexplained than some view explains.
+    """
+    common = best.model.fit(best.transforms, own.fit.usable).share
+    return own.fit.share - common > max(MATERIAL * common, BY_CHANCE * own.fit.share_by_chance)
 
 
 def _views_differ(found: Refined) -> bool:

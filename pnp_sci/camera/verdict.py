@@ -18,6 +18,7 @@ FIFTH = 0.2  # of the light: masks of which so much is followed are the right on
 TENTH = 0.1  # of the light: calibrated masks of real cameras miss half of that
 
 REGISTER = "pnp_sci.register(y, masks) estimates it, solve(..., register=True) corrects it"
+WRONG = f"masks may be moved, turned or blurred: {REGISTER}; or some are missing or wrong"
 GAMMA = "y may not be linear: switch off gamma"
 
 
@@ -42,6 +43,8 @@ def judge_code(code: Code, y: np.ndarray, match: Match) -> list[Finding]:
         size = "({}, {})".format(*shift) if whole else "({:.1f}, {:.1f})".format(*np.clip(shift, -1, 1))
         text = f"masks moved by about {size} pixels, in rows and columns, explain more of y"
         return [Finding("shift", text, REGISTER)]
+    if match.turn.errors > SURELY and match.turn.gain > MATERIAL:
+        return [Finding("shift", "masks turned or magnified a little explain more of y", REGISTER)]
     if not code.tells_light:
         return []
     if match.error >= TELLS:
@@ -86,9 +89,10 @@ def _inverted() -> Finding:
 
 
 def _sharpness(match: Match) -> Finding:
-    than = "less" if match.blur.value[0] > 0 else "more"
+    soft = match.blur.value[0] > 0
     hint = "focus of the calibration and of the capture may differ; calibrate the masks as y is recorded"
-    return Finding("sharpness", f"the code in y is {than} sharp than the masks", hint)
+    hint += f", or blur them: {REGISTER}" if soft else ""
+    return Finding("sharpness", f"the code in y is {'less' if soft else 'more'} sharp than the masks", hint)
 
 
 def _weak(code: Code, y: np.ndarray, match: Match) -> Finding:
@@ -103,9 +107,9 @@ def _weak(code: Code, y: np.ndarray, match: Match) -> Finding:
     constant, part = light_line(code, y)
     if part and not constant:
         text = f"the code in y is {match.follows:.2f} times as strong as the masks say, in bright and dark parts alike"
-        return Finding("contrast", text, f"{GAMMA}; or some masks are missing or wrong")
-    others = "some masks are missing or wrong" if constant and not part else f"{GAMMA}, or some masks are wrong"
-    hint = f"subtract the black level of the camera, or stray light, from y; or {others}"
+        return Finding("contrast", text, f"{WRONG}; or {GAMMA}")
+    subtract = "subtract the black level of the camera, or stray light, from y"
+    hint = f"{subtract}; or {WRONG}" if constant and not part else f"{WRONG}; or {subtract}; or {GAMMA}"
     return Finding("black level", text, hint)
 
 

@@ -84,6 +84,18 @@ def test_views_may_move_apart(scene):
     assert len(set(pnp_sci.register(y, scene.masks, each_view=False).transforms)) == 1
 
 
+def test_one_view_may_move_though_texture_hides_more_than_it_explains():
+    """Bug: both views had a transform between their own."""
+    texture = gaussian_filter(np.random.default_rng(0).random((2, 8, SIZE, SIZE)), (0, 4, 1.2, 1.2))
+    truth = np.clip(0.4 + 0.3 * (texture - 0.5) / texture.std(), 0, 1)
+    masks = pnp_sci.random_masks(truth.shape, seed=1)
+    other = moved(masks, (0.34, 0.5))
+    found = pnp_sci.register(seen_through(np.stack([other[0], masks[1]]), truth), masks).transforms
+    assert apart(found[0], (0.34, 0.5), 0, 1) < 0.15 > apart(found[1], (0, 0), 0, 1)
+    for same in (masks, other):
+        assert len(set(pnp_sci.register(seen_through(same, truth), masks).transforms)) == 1
+
+
 def test_a_dark_view_moves_with_the_other(scene):
     y = seen_through(moved(scene.masks[:1], (0.5, 0.3)), scene.truth[:1])
     first, second = pnp_sci.register(y, scene.masks).transforms
@@ -215,6 +227,28 @@ def test_measurements_alike_count_as_one_for_the_black_level(black):
         y = np.stack([pnp_sci.simulate(truth, masks, 0.005, seed=n) for n in range(8)])
         found = pnp_sci.register(y + black * y.max(), masks).black_level / y.max()
         assert abs(found - black) < 0.005
+
+
+@pytest.mark.parametrize("make", [pnp_sci.random_masks, pnp_sci.moving_masks])
+@pytest.mark.parametrize("width", [4, 10])
+def test_stray_light_in_a_part_of_the_picture_is_no_negative_level(make, width):
+    """Bug: it tilts the line of the light against the mean, which then meets 0 at up to minus the maximum of y."""
+    picture = gaussian_filter(np.random.default_rng(0).random((SIZE, SIZE)), width)
+    masks = make((1, 8, SIZE, SIZE), seed=0)
+    y = seen_through(masks, np.tile(0.4 + 0.6 * (picture - picture.min()) / np.ptp(picture), (1, 8, 1, 1)))
+    down, right = np.indices((SIZE, SIZE)) / SIZE
+    for stray in (np.exp(-((down - 0.7) ** 2 + (right - 0.3) ** 2) / 0.03), down, right):
+        for part in (0.15, 0.3):
+            assert 0 <= pnp_sci.register(y + part * y.max() * stray, masks).black_level <= part * y.max()
+
+
+@pytest.mark.parametrize("level", [-0.2, -0.05, 0.03, 0.5])
+@pytest.mark.parametrize("contrast", [0.8, 1.25])
+def test_a_level_is_found_where_masks_have_another_contrast(scene, level, contrast):
+    y = seen_through(scene.masks, scene.truth)
+    mean = scene.masks.mean()
+    found = pnp_sci.register(y + level * y.max(), mean + contrast * (scene.masks - mean))
+    assert found.black_level == pytest.approx(level * y.max(), abs=0.08 * y.max())
 
 
 def test_values_of_one_block_may_depend_on_each_other():
