@@ -14,7 +14,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from pnp_sci._validate import positive_number, whole
-from pnp_sci.errors import FormatError, InputTypeError
+from pnp_sci.errors import FormatError, InputError, InputTypeError
 from pnp_sci.formats import arrays as _formats
 from pnp_sci.formats import film
 from pnp_sci.formats.replacing import replacing
@@ -158,12 +158,12 @@ def write(path: str | Path, array: Any) -> None:
     ----------
     path : path
     array : array_like or mapping of str to array_like
-        Real numbers. A mapping needs NPZ, HDF5 or MAT.
+        Real numbers, one at least, on one axis at least. A mapping needs NPZ, HDF5 or MAT.
 
     Raises
     ------
     InputError, InputTypeError, FormatError
-        If an array cannot be stored in this format, or the suffix is unknown.
+        If an array is empty or cannot be stored in this format, or the suffix is unknown.
     FileNotFoundError
         If the folder does not exist.
 
@@ -180,6 +180,10 @@ def write(path: str | Path, array: Any) -> None:
     for key, a in arrays.items():
         if a.dtype.kind not in "biuf":
             raise InputTypeError(f"{key} has dtype {a.dtype}: real numbers were expected")
+        if a.ndim == 0 or a.size == 0:
+            raise InputError(f"{key} has shape {a.shape}: an array with axes, none of them of length 0, was expected")
+    if not arrays:
+        raise InputError("array is a mapping without arrays: one at least was expected")
     with replacing(Path(path)) as temporary:
         _formats.save(temporary, arrays)
 

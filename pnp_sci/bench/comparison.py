@@ -19,6 +19,7 @@ from pnp_sci.errors import InputError
 from pnp_sci.formats.plain import finite
 from pnp_sci.masks import condition
 from pnp_sci.pipeline.input import Input, told
+from pnp_sci.pipeline.progress import bar
 from pnp_sci.pipeline.reference import Reference
 from pnp_sci.results.result import Result
 from pnp_sci.scene.choose import choose_scene
@@ -174,15 +175,13 @@ def compare(
     >>> tv.score > none.score, tv.quality > none.quality
     (True, True)
     """
-    from tqdm.auto import tqdm
-
     if np.ndim(y) != 2:
         raise InputError(f"y has shape {np.shape(y)}: one measurement (rows, columns) was expected")
     if not methods:
         raise InputError("methods is empty: one at least was expected")
     task = _Task.of(y, masks, reference, {"noise": noise, "seed": seed, "device": device}, source, bad)
     with told():
-        trials = tuple(task.attempt(method) for method in tqdm(methods, "compare", disable=not progress, leave=False))
+        trials = tuple(task.attempt(method) for method in bar(methods, desc="compare", shown=progress, leave=False))
     if task.truth is not None:
         return Comparison(
             task.y, trials, task.truth.array[0] / task.truth.white, task.truth.white, task.facts(), task.fit

@@ -90,7 +90,7 @@ def loud(y: np.ndarray, sensor: Sensor) -> list[Finding]:
     if sensor.read_noise == "auto" or y.size < FEWEST:
         return []
     noise = float(np.hypot(sensor.read_noise, np.sqrt(sensor.gain * max(float(y.mean()), 0.0))))
-    spread = float(y.std())
+    spread = float(y.std(dtype=np.float64))
     if noise <= LOUD * spread:
         return []
     text = f"noise is {noise:.3g}, but y has a standard deviation of {spread:.3g} only"

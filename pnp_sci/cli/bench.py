@@ -82,11 +82,10 @@ def bench(
     Each row is measured in a process of its own. Methods are the --decoders, and all combinations of --priors, --inits,
     --algorithms and --efforts.
     """
-    from tqdm.auto import tqdm
-
     from pnp_sci import bench as table
     from pnp_sci.bench import paper as tables
     from pnp_sci.formats.replacing import replacing, same_file
+    from pnp_sci.pipeline.progress import bar
 
     if out is not None and markdown is not None and same_file(out.with_suffix(".csv"), markdown):
         raise click.UsageError(f"--markdown {markdown} is the table beside --out {out}: it would be lost")
@@ -102,7 +101,7 @@ def bench(
         if not pairs:
             raise click.UsageError("nothing to measure: --cases, and --priors or --decoders were expected")
     results = table.Results(out) if out is not None else None
-    rows, failures = _measured(tqdm(pairs, "bench", disable=not interactive()), results, repeat)
+    rows, failures = _measured(bar(pairs, desc="bench", shown=interactive()), results, repeat)
     if paper:
         written = tables.write(markdown or Path("docs/results"), rows)
         click.echo(f"Written: {', '.join(map(str, written))}")

@@ -10,7 +10,7 @@ import click
 
 from pnp_sci.cli.kinds import FOLDER
 from pnp_sci.cli.options import interactive
-from pnp_sci.cli.outputs import White, named, print_scores
+from pnp_sci.cli.outputs import White, check_white, named, print_scores
 from pnp_sci.errors import MissingExtraError
 
 if TYPE_CHECKING:
@@ -35,6 +35,7 @@ def demo(prior: str, out: Path, size: int, white: Any) -> None:
     from pnp_sci.datasets import embedded_scene
 
     scene = embedded_scene(size)
+    check_white(white, len(scene.masks))
     click.echo(f"{scene!r}, all in one picture. A new installation first compiles for a minute or two.")
     start = time.perf_counter()
     solve(scene.y, scene.masks, prior, progress=interactive())

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING
 import click
 
 from pnp_sci.cli.kinds import FILE
-from pnp_sci.errors import FormatError, UnknownPluginError
+from pnp_sci.errors import FormatError, InputError, UnknownPluginError
 
 if TYPE_CHECKING:
     import numpy as np
@@ -105,7 +105,10 @@ def recommend(seconds: float, like: str, results: Path | None) -> None:
 
     sides = like.split("x")
     size = tuple(map(int, sides)) if len(sides) == 4 and all(side.isdigit() for side in sides) else like
-    advice = choose(seconds, size, results)
+    try:
+        advice = choose(seconds, size, results)
+    except InputError as error:
+        raise InputError(str(error).replace("budget_seconds", "SECONDS")) from error
     click.echo(f"{advice.python}\n{advice.psnr:.2f} dB on {', '.join(advice.cases)}; {advice.seconds:.2g} s here")
 
 

@@ -73,7 +73,8 @@ class Command(click.Command):
             value = ctx.params.get(param.name or "")
             paths = [p for p in (value if isinstance(value, tuple) else [value]) if isinstance(p, Path)]
             if param.type is FILE:
-                inputs += [(param.human_readable_name, path) for path in paths]
+                name = param.human_readable_name if isinstance(param, click.Argument) else param.opts[0]
+                inputs += [(name, path) for path in paths]
             elif isinstance(param.type, click.Path):
                 outputs += [(param.opts[0], path) for path in paths]
             elif isinstance(value, str):  # a name or a file, or several

@@ -2,11 +2,14 @@
 
 from __future__ import annotations
 
+import signal
 import sys
+import threading
 from collections.abc import Iterator, Mapping
+from contextlib import contextmanager
 from importlib import import_module
 from io import TextIOWrapper
-from typing import Any
+from typing import Any, NoReturn
 
 import click
 
@@ -24,6 +27,9 @@ COMMANDS = {
     "simulate": "pnp_sci.cli.simulate:simulate",
     "solve": "pnp_sci.cli.solve:solve",
 }
+
+
+ENDED = 128 + 15  # exit code of a process that SIGTERM ends, as shells give it
 
 
 class _OnUse(Mapping[str, click.Command]):
@@ -44,8 +50,10 @@ class _Commands(click.Group):
     """Failures are one line on stderr and exit code 1 (2: the command line is at fault); --debug shows them whole."""
 
     def invoke(self, ctx: click.Context) -> Any:
-        if ctx.params["debug"]:
-            return super().invoke(ctx)
+        with _sigterm_as_exception():
+            return super().invoke(ctx) if ctx.params["debug"] else self._invoke_in_a_line(ctx)
+
+    def _invoke_in_a_line(self, ctx: click.Context) -> Any:
         try:
             return super().invoke(ctx)
         except (click.ClickException, click.exceptions.Exit, click.Abort):
@@ -53,9 +61,28 @@ class _Commands(click.Group):
         except UnknownPluginError as error:
             raise click.UsageError(str(error)) from error
         except Exception as error:
+            if isinstance(error, BrokenPipeError) and error.filename is None:
+                raise  # nobody reads stdout any more, as after `| head -1`: click ends without a word
             text = " ".join(str(error).split())
             known = isinstance(error, (ValueError, TypeError, OSError, RuntimeError, ImportError)) and text
             raise click.ClickException(text if known else f"{type(error).__name__}: {text}") from error
+
+
+@contextmanager
+def _sigterm_as_exception() -> Iterator[None]:
+    """Context in which SIGTERM, by which batch systems end a job, is an exception: nothing half-written is left."""
+    if threading.current_thread() is not threading.main_thread() or signal.getsignal(signal.SIGTERM) != signal.SIG_DFL:
+        yield
+        return
+
+    def end(*_: Any) -> NoReturn:
+        raise SystemExit(ENDED)
+
+    signal.signal(signal.SIGTERM, end)
+    try:
+        yield
+    finally:
+        signal.signal(signal.SIGTERM, signal.SIG_DFL)
 
 
 @click.group(cls=_Commands, commands=_OnUse(), context_settings={"help_option_names": ["-h", "--help"]})
@@ -64,7 +91,7 @@ class _Commands(click.Group):
 def main(debug: bool) -> None:
     """Videos from snapshot compressive measurements, of one view, two, or more.
 
-    Exit codes: 0 done, 1 failed, 2 wrong command line.
+    Exit codes: 0 done, 1 failed, 2 wrong command line, 143 ended by SIGTERM.
     """
     if isinstance(sys.stdout, TextIOWrapper) and sys.stdout.errors == "strict":
         sys.stdout.reconfigure(errors="backslashreplace")  # a name of a file may have what the terminal has not

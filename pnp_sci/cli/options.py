@@ -20,7 +20,7 @@ if TYPE_CHECKING:
 
 def interactive() -> bool:
     """Whether somebody watches: only then progress is shown."""
-    return sys.stderr.isatty()
+    return sys.stderr is not None and sys.stderr.isatty()
 
 
 def solver_options(command: Callable) -> Callable:

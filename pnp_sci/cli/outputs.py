@@ -38,6 +38,13 @@ class White(click.ParamType):
         return levels if len(levels) > 1 else levels[0]
 
 
+def check_white(white: Any, views: int) -> None:
+    """Raise an error, before any work, if ``--white`` has values for another number of views."""
+    if isinstance(white, list) and len(white) != views:
+        came = f"{len(white)} values came: one, or {views} of them (one a view), was expected"
+        raise click.BadParameter(came, param_hint="--white")
+
+
 def named(file: Path, fps: float) -> str:
     """A file that was written; of a film with its speed.
 

@@ -10,7 +10,7 @@ import click
 from pnp_sci.cli.inputs import masks_for, one_of, usable_truth
 from pnp_sci.cli.kinds import FILE, POSITIVE, SEED, Command, Output
 from pnp_sci.cli.options import bad_pixels, camera, camera_options, interactive, pairs, solver_options, stages
-from pnp_sci.cli.outputs import SAVED, SHOWN, White, named, print_scores, save_somewhere
+from pnp_sci.cli.outputs import SAVED, SHOWN, White, check_white, named, print_scores, save_somewhere
 
 
 @click.command(cls=Command)
@@ -92,6 +92,7 @@ def solve(
         left = f"the dark frame and the bad pixels of {masks_file} are not used"
         click.echo(f"Warning: --masks takes the masks only, {left}: --calibration takes all", err=True)
     shape, colour, count = masks.shape[-4:], settings["mosaic"] is not None, len(y) if y.ndim == 3 else None
+    check_white(white, shape[0])
     if index is not None:
         y, masks = one_of(y, masks, index)
     truth = None if reference is None else usable_truth(reference, shape, count, index, reference_key, peak, colour)

@@ -10,7 +10,6 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from tqdm.auto import tqdm
 
 from pnp_sci._validate import instance, whole
 from pnp_sci.api import solve
@@ -20,6 +19,7 @@ from pnp_sci.fleet.job import Chunk, Job, check_options, settings_of
 from pnp_sci.fleet.reconstruction import Reconstruction
 from pnp_sci.fleet.source import Source, open_source
 from pnp_sci.masks import as_masks
+from pnp_sci.pipeline.progress import bar
 from pnp_sci.pipeline.provenance import digest
 from pnp_sci.pipeline.request import check_request
 from pnp_sci.plugins import registry
@@ -153,12 +153,12 @@ def _done(job: Job, chunk: Chunk, preview: bool = False) -> bool:
 def _run(team: Any, job: Job, missing: np.ndarray, progress: bool) -> None:
     """Solve what is missing: one chunk to estimate the rest, previews if asked for, then all."""
     count, out = sum(chunk.stop - chunk.start for chunk in map(job.chunk, missing)), Path(job.store)
-    with tqdm(total=count, unit="measurement", disable=not progress) as bar:
+    with bar(total=count, unit="measurement", shown=progress) as solved:
         taken: dict[str, Any] = {}
 
         def done(chunk: Chunk, facts: dict[str, Any]) -> None:
             taken.update(facts)
-            bar.update(chunk.stop - chunk.start)
+            solved.update(chunk.stop - chunk.start)
 
         first = 0
         while first < len(missing) and "memory" not in taken:  # a chunk that fails tells nothing
@@ -178,8 +178,8 @@ def _run(team: Any, job: Job, missing: np.ndarray, progress: bool) -> None:
 def _preview(team: Any, job: Job, starts: np.ndarray, progress: bool) -> None:
     """Quick results of the chunks that have none."""
     chunks = (chunk for chunk in _chunks(job, starts) if not _done(job, chunk, preview=True))
-    with tqdm(desc=f"preview by {job.preview}", unit="measurement", disable=not progress) as bar:
-        team.run(chunks, lambda chunk, facts: bar.update(chunk.stop - chunk.start), preview=True)
+    with bar(desc=f"preview by {job.preview}", unit="measurement", shown=progress) as previewed:
+        team.run(chunks, lambda chunk, facts: previewed.update(chunk.stop - chunk.start), preview=True)
 
 
 def _chunks(job: Job, starts: np.ndarray) -> Iterator[Chunk]:

@@ -50,7 +50,7 @@ def load(path: Path, colour: bool = False) -> Arrays:
     suffix = "folder" if path.is_dir() else path.suffix.lower()
     if suffix not in _READERS:
         raise FormatError(f"{path}: cannot read {suffix or 'files without suffix'}; known are {', '.join(_READERS)}")
-    if path.is_file() and path.open("rb").read(len(LFS)) == LFS:
+    if path.is_file() and _beginning(path, len(LFS)) == LFS:
         raise FormatError(f"{path} is a pointer of Git LFS, not the file itself: `git lfs pull` fetches it")
     try:
         arrays = (_READERS | _IN_COLOUR if colour else _READERS)[suffix](path)
@@ -65,6 +65,11 @@ def load(path: Path, colour: bool = False) -> Arrays:
         raise FormatError(f"{path} cannot be read, it may be damaged: {reason}") from error
     arrays = {key: _real_part(key, a) for key, a in arrays.items()}
     return {key: np.ascontiguousarray(a) for key, a in arrays.items() if a.dtype.kind in "biuf" and a.size}
+
+
+def _beginning(path: Path, count: int) -> bytes:
+    with path.open("rb") as file:
+        return file.read(count)
 
 
 def _real_part(name: str, array: np.ndarray) -> np.ndarray:

@@ -66,7 +66,11 @@ def apart(work: Callable[[], Mapping[str, np.ndarray]], size: int) -> dict[str, 
 
 def _serve(work: Callable[[], Mapping[str, np.ndarray]], result: IO[bytes]) -> NoReturn:
     """In the child: write the arrays, or the error, and exit."""
+    import fcntl
+
     try:
+        # 2 is the file itself, if the process was started without stderr
+        result = os.fdopen(fcntl.fcntl(result.fileno(), fcntl.F_DUPFD, 3), "wb")
         os.dup2(os.open(os.devnull, os.O_WRONLY), 2)  # what libraries print when they crash
         try:
             arrays, error = work(), None

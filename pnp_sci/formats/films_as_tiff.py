@@ -6,6 +6,7 @@ from pathlib import Path
 
 import numpy as np
 
+from pnp_sci.errors import InputError
 from pnp_sci.formats.channels import names
 
 SUFFIXES = ".tif", ".tiff"
@@ -24,9 +25,17 @@ def save(path: Path, x: np.ndarray, fps: float, white: np.ndarray, ome: bool, co
     """Write videos (N, V, B, H, W) as float32, axes TCYX, one measurement after the other in T.
 
     `white` (V,) is what ImageJ first shows as white; the values stay. With `colour` three channels are a view.
+
+    Raises
+    ------
+    InputError
+        If the largest value is too large or too small for float32.
     """
     import tifffile
 
+    top, known = float(np.abs(x).max()), np.finfo(np.float32)
+    if top > float(known.max) or 0 < top < float(known.tiny):
+        raise InputError(f"{path}: the video reaches {top:.3g}, but this TIFF has float32; Result.save keeps float64")
     views = x.shape[1]
     stack = np.ascontiguousarray(x.swapaxes(1, 2).reshape(-1, views, *x.shape[3:]), np.float32)
     named = names(views, colour)

@@ -121,7 +121,7 @@ class Input:
         """Each measurement posed as a problem, without its bad pixels."""
         left_out: tuple[SensingOperator, np.ndarray, SensingOperator] | None = None  # many measurements share it
         for n, (whole, y, fit) in enumerate(zip(self.each, self.measurements, fits)):
-            bad = None if self.bad is None else self.bad[n]
+            bad = None if self.bad is None or not self.bad[n].any() else self.bad[n]
             if self.find_bad and fit.bad.any():
                 bad = fit.bad if bad is None else bad | fit.bad
             op = whole

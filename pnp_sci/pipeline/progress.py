@@ -1,14 +1,22 @@
-"""A progress bar over the iterations of all measurements, and the caller's own callback."""
+"""Progress bars, one over the iterations of all measurements, and the caller's own callback."""
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator
+import sys
+from collections.abc import Callable, Iterable, Iterator
 from contextlib import contextmanager
 from typing import Any
 
 from pnp_sci.errors import InputTypeError
 from pnp_sci.results.history import Record
 from pnp_sci.solvers.state import State
+
+
+def bar(iterable: Iterable | None = None, *, shown: bool = True, **options: Any) -> Any:
+    """A bar of tqdm; it shows nothing if not `shown`, or if the process has no stderr, as a daemon."""
+    from tqdm.auto import tqdm
+
+    return tqdm(iterable, disable=not shown or sys.stderr is None, **options)
 
 
 class Watch:
@@ -43,7 +51,5 @@ def watching(callback: Callable[[State], Any] | None, shown: bool) -> Iterator[W
     if not shown:
         yield Watch(callback)
         return
-    from tqdm.auto import tqdm
-
-    with tqdm(unit="it", leave=False) as bar:
-        yield Watch(callback, bar)
+    with bar(unit="it", leave=False) as shown_bar:
+        yield Watch(callback, shown_bar)

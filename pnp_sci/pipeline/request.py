@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 from collections.abc import Callable
 from dataclasses import asdict, dataclass, replace
 from typing import Any
@@ -12,6 +13,7 @@ from pnp_sci._validate import finite_number, instance, one_of, whole
 from pnp_sci.advice.recommend import prior_within
 from pnp_sci.camera.registration import Registration
 from pnp_sci.errors import InputError
+from pnp_sci.formats.plain import as_json
 from pnp_sci.pipeline.auto import prior_for
 from pnp_sci.pipeline.place import backend_for
 from pnp_sci.pipeline.sequence import FEWEST, MOST
@@ -64,8 +66,8 @@ class Request:
         return self if getattr(self.init, "ndim", 0) < 4 else replace(self, init=self.init[(..., *where)])
 
     def settings(self) -> dict[str, Any]:
-        """For `Result.settings`."""
-        return {
+        """For `Result.settings`: equal to what is read back from a file."""
+        settings = {
             "prior": self.name,
             "prior_options": as_plain(self.prior_options),
             "algorithm": self.algorithm,
@@ -84,6 +86,7 @@ class Request:
             "sequence": self.sequence,
             "mosaic": self.mosaic and self.mosaic.pattern,
         }
+        return json.loads(as_json(settings))
 
 
 def check_request(

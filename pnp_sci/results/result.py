@@ -90,7 +90,9 @@ class Result(Fields):
         has the image "video" with axes (t, c, y, x), frames and views, in colour red, green and blue of each, as
         OME-Zarr 0.5 wants it, and a chunk for each measurement and channel.
 
-        A write that is interrupted leaves nothing behind, and the file that was there before as it was.
+        The file that was there before stays as it was until the new one is complete. A write that an exception ends,
+        as Ctrl-C does, leaves nothing behind. A process that is killed may leave a temporary file, whose name begins
+        with a dot: so does SIGTERM, unless it is made an exception, as ``pnp-sci`` does.
         """
         storage.save(Path(path), self.x, self.status, self.history, self.settings, self.scenes, self.uncertainty)
 
@@ -187,7 +189,7 @@ class Result(Fields):
         FormatError
             If the suffix is another.
         InputError
-            If `fps` or `white` cannot be used.
+            If `fps` or `white` cannot be used, or a TIFF cannot hold such large or small values.
         """
         levels, fps = whites(white, self.videos, self.white), positive_number("fps", fps)
         export(Path(path), self.videos, levels, fps)

@@ -212,10 +212,15 @@ def pose(op: SensingOperator, largest: float, y: np.ndarray, sensor: Sensor, bad
     InputError
         If the video's unit overflows the operator's dtype.
     """
-    y = y.astype(np.float64) if bad is None else np.where(bad, 0.0, y)
+    y = y.astype(np.float64)
+    if bad is not None:
+        y[bad] = 0
     saturated = sensor.saturated(y)
     height = float(np.abs(y).max()) or 1.0
-    used = ~np.logical_or.reduce([np.zeros(y.shape, bool), *(p for p in (saturated, bad) if p is not None)])
+    used = np.ones(y.shape, bool)
+    for unused in (saturated, bad):
+        if unused is not None:
+            used[unused] = False
     light = light_of_frames(op, y / height, used)
     estimated, sensor = sensor.read_noise == "auto", measured(sensor, op, y, bad, light)
     sigma = np.minimum(sensor.deviation(y) / height, LOUDEST)

@@ -431,3 +431,11 @@ def test_benchmarks_and_real_captures_raise_no_alarm(data):
     for scene in [*scenes, datasets.dualview("bear_blackswan")]:
         for y in scene.y.reshape(-1, *scene.y.shape[-2:]):
             assert check_fit(y, scene.masks).ok, scene.name
+
+
+@pytest.mark.parametrize("unit", [1e-23, 1.0, 1e20])
+def test_noise_is_compared_with_y_in_any_unit(scene, unit):
+    """The squares of such values are beyond float32."""
+    y = simulate(scene.truth, scene.masks, 0.01) * np.float32(unit)
+    assert kinds(y, scene.masks, noise=0.01 * unit) == []
+    assert kinds(y, scene.masks, noise=100 * unit) == ["noise"]

@@ -34,6 +34,7 @@ def call(*words):
         ("solve", "m.npz", "--out", "link.npz"),
         ("solve", "m.npz", "--out", "r.npz", "--reference", "truth.npz", "--video", "both.mp4", "--masks", "both.mp4"),
         ("solve", "m.npz", "--bad", "truth.npz", "--out", "truth.npz"),
+        ("solve", "m.npz", "--masks", "truth.npz", "--out", "truth.npz"),
         ("simulate", "m.npz", "--out", "m.npz"),
         ("simulate", "m.npz", "--masks", "truth.npz", "--out", "truth.npz"),
         ("bench", "--out", "a.json", "--markdown", "a.json"),
@@ -50,6 +51,7 @@ def test_no_output_over_an_input_or_another_output(folder, words):
     done = call(*words)
     assert done.exit_code == 2
     assert "it would be lost" in done.output
+    assert "_file" not in done.output
     assert {file: file.read_bytes() for file in folder.iterdir() if file.is_file()} == before
 
 
@@ -133,6 +135,8 @@ def test_a_missing_package_is_known_before_any_work(folder, monkeypatch, package
         ("demo", "--out", "m.npz"),
         ("demo", "--out", "m.npz/x"),
         ("simulate", "m.npz", "--seed", "-1"),
+        ("solve", "m.npz", "--white", "1,0.2,3"),
+        ("demo", "--white", "1,0.2,3"),
     ],
 )
 def test_a_wrong_place_is_known_before_any_work(folder, monkeypatch, words):

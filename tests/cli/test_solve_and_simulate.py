@@ -214,4 +214,4 @@ def test_results_travel_from_the_command_line(meas, out):
     film = run(*words, "--video", "r.gif")
     assert f"Written: {out}, r.gif (5 frames per second)" in film.output
     assert "one a view" in fails(2, *words[:-1], "dark")
-    assert "3" in fails(1, *words[:-1], "1,2,3", "--video", "r.gif")
+    assert "3 values came" in fails(2, *words[:-1], "1,2,3", "--video", "r.gif")

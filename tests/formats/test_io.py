@@ -1,5 +1,7 @@
 import contextlib
+import gc
 import os
+import sys
 import zlib
 from pathlib import Path
 
@@ -480,6 +482,36 @@ def test_a_failed_write_leaves_nothing_behind(tmp_path):
         io.write(tmp_path / "run.1", np.ones((2, 4, 4)))
     with pytest.raises(FileNotFoundError, match="there is no folder"):
         io.write(tmp_path / "no" / "a.npy", np.ones(3))
+
+
+@pytest.mark.parametrize("suffix", [*EXACT, "png", "avi", "mp4", "gif", ""])
+@pytest.mark.parametrize("shape", [(), (0,), (0, 4, 4), (2, 0, 4)])
+def test_an_array_without_values_or_axes_is_refused_by_its_shape(tmp_path, suffix, shape):
+    array = np.zeros(shape)
+    path = tmp_path / f"a.{suffix}".rstrip(".")
+    with pytest.raises(InputError, match=rf"array has shape \({', '.join(map(str, shape))},?\)"):
+        io.write(path, array)
+    if suffix in ("mat", "npz", "h5", "hdf5"):
+        with pytest.raises(InputError, match="dark has shape"):
+            io.write(path, {"y": np.ones((4, 4)), "dark": array})
+        with pytest.raises(InputError, match="without arrays"):
+            io.write(path, {})
+    assert os.listdir(tmp_path) == []
+
+
+@pytest.mark.parametrize("suffix", [*EXACT, "png", "gif", ""])
+@pytest.mark.filterwarnings("error")
+def test_reading_leaves_no_file_open(tmp_path, suffix):
+    path = tmp_path / f"a.{suffix}".rstrip(".")
+    io.write(path, sample((16, 16) if suffix == "png" else (3, 16, 16), np.uint8))
+    unraisable = []
+    hook, sys.unraisablehook = sys.unraisablehook, unraisable.append
+    try:
+        io.read(path)
+        gc.collect()
+    finally:
+        sys.unraisablehook = hook
+    assert not unraisable
 
 
 def test_a_full_folder_is_not_replaced(tmp_path):

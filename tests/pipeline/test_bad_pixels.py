@@ -167,3 +167,25 @@ def test_faint_hot_pixels_are_found_by_what_an_estimate_does_not_explain():
     assert np.sum((hot - y)[~found] ** 2) < 0.5 * np.sum((hot - y) ** 2)
     assert (found & ~chosen).mean() < 1e-3
     assert clean is None
+
+
+@pytest.mark.parametrize("how", ["picture", "masked", "auto"])
+def test_a_measurement_of_float16_may_have_them(scene, y, bad, how):
+    half = y.astype(np.float16)
+    half[40, 40] = 60 * y.max()
+    bad = "auto" if how == "auto" else bad | (half == half.max())
+    given = np.ma.MaskedArray(half, bad) if how == "masked" else half
+    options = {} if how == "masked" else {"bad": bad}
+    result = solve(given, scene.masks, iterations=3, **options)
+    assert result.scene["bad"] > 0
+    assert np.array_equal(result.x, solve(half.astype("f4"), scene.masks, iterations=3, bad=bad).x)
+    decoded = pnp_sci.decode(given, scene.masks, lambda problem, scene: np.zeros(problem.op.shape), **options)
+    assert decoded.scene["bad"] == result.scene["bad"]
+
+
+def test_a_measurement_without_them_is_solved_as_alone(scene, y, bad):
+    both = solve(np.stack([y, y]), scene.masks, bad=np.stack([bad, np.zeros_like(bad)]), iterations=5)
+    for n, own in enumerate((bad, None)):
+        alone = solve(y, scene.masks, bad=own, iterations=5)
+        assert np.array_equal(both.x[n], alone.x)
+        assert both.scenes[n] == alone.scene

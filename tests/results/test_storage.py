@@ -57,7 +57,8 @@ def test_what_was_found_of_a_scene_comes_back_equal(tmp_path, suffix):
     scene = pnp_sci.datasets.embedded_scene(32)
     result = pnp_sci.solve(scene.y, scene.masks, iterations=2, scene=pnp_sci.SceneModel((True, False), (True, False)))
     result.save(tmp_path / f"result.{suffix}")
-    assert Result.load(tmp_path / f"result.{suffix}").scenes == result.scenes
+    back = Result.load(tmp_path / f"result.{suffix}")
+    assert (back.scenes, back.settings) == (result.scenes, result.settings)
 
 
 def test_long_settings_fit_into_hdf5(tmp_path):

@@ -211,3 +211,13 @@ def test_a_part_of_a_sequence_has_its_window():
         expected = [record.residual for record in every.history if record.measurement == window]
         np.testing.assert_array_equal(own.history["residual"], expected)
     assert {record.measurement for record in every[1:].history} == {0, 1}
+
+
+@pytest.mark.parametrize("name", ["r.tif", "r.ome.tif"])
+@pytest.mark.parametrize("unit", [1e300, 1e-300])
+def test_values_that_a_tiff_cannot_hold_are_refused(tmp_path, name, unit):
+    result = Result(unit * np.ones((2, 3, 4, 5)), Status.CONVERGED, History(), {})
+    with pytest.raises(InputError, match=rf"{name}: the video reaches 1e.*float32"):
+        result.export(tmp_path / name)
+    assert not os.listdir(tmp_path)
+    result.export(tmp_path / "r.png")

@@ -39,3 +39,16 @@ def test_saturated_pixels_do_not_count_in_the_typical_noise():
     assert Problem(op, np.ones((2, 2)), 1.0, noise, saturated).typical_noise == pytest.approx(1.0)
     assert Problem(op, np.ones((2, 2)), 1.0, noise).typical_noise > 10
     assert Problem(op, np.ones((2, 2)), 1.0, noise, ~np.zeros((2, 2), bool)).typical_noise > 10
+
+
+@pytest.mark.parametrize("which", ["saturated", "bad"])
+def test_saturated_and_bad_pixels_do_not_tell_the_light_of_frames(monkeypatch, which):
+    told = []
+    monkeypatch.setattr("pnp_sci.sensing.problem.light_of_frames", lambda op, y, used: told.append(used) or np.ones(1))
+    op, y = SensingOperator(np.ones((1, 1, 32, 32))), np.ones((32, 32))
+    some = np.arange(1024).reshape(32, 32) % 7 == 0
+    if which == "bad":
+        pose(op, 1.0, y, Sensor(0.1), some)
+    else:
+        pose(op, 1.0, y + some, Sensor(0.1, full_scale=2.0))
+    assert np.array_equal(told[0], ~some)
