@@ -118,7 +118,7 @@ def sign(y: np.ndarray, light: np.ndarray) -> list[Finding]:
             text = f"{high.size} pixels have values from {high.min():.7g} to {top:.7g}, and none from {end} to these"
             hint = f"a difference of {name} numbers seems to have wrapped below 0: subtract after y.astype(float)"
             return [Finding("sign", text, hint)]
-    if light.size == 0 or light.mean() >= -BELOW * light.std():
+    if light.size == 0 or light.mean() >= -BELOW * light.std(dtype=np.float64):
         return []
     hint = "too much may be subtracted from y, its sign may be wrong, or unsigned data may be read as signed"
     return [Finding("sign", text, hint)]
