@@ -44,19 +44,17 @@ def stuck_lines(y: np.ndarray, sums: np.ndarray, usable: np.ndarray) -> np.ndarr
 
 def _runs(y: np.ndarray, sums: np.ndarray, usable: np.ndarray) -> list[tuple[slice, int]]:
     """Rows and column of each run of small steps along a column that is not there by chance."""
-    from scipy.ndimage import find_objects, label
-
     both = usable[1:] & usable[:-1]
     if not both.any():
         return []
     steps, of_masks = _steps(y[None], both), _steps(sums, both)
     limit = SMALL * np.median(steps[both])
     small, telling = both & (steps <= limit), both & (of_masks > limit)
-    labels = np.asarray(label(small, np.array([[0, 1, 0]] * 3))[0])  # type: ignore[index]
-    long = np.bincount(labels.flat)[1:] >= FEWEST - 1
+    begin_or_end = np.diff(np.pad(small, ((1, 1), (0, 0))).astype(np.int8), axis=0).T
+    (columns, first), (_, last) = np.nonzero(begin_or_end > 0), np.nonzero(begin_or_end < 0)
     found = []
-    for rows, columns in (box for box, enough in zip(find_objects(labels), long) if enough):
-        column = columns.start
+    for run in np.flatnonzero(last - first >= FEWEST - 1):
+        column, rows = columns[run], slice(first[run], last[run])
         beside = rows, slice(max(column - AROUND, 0), column + AROUND + 1)
         count = telling[rows, column].sum()
         probability = (np.sum((small & telling)[beside]) - count + 1) / (telling[beside].sum() - count + 2)
