@@ -40,7 +40,7 @@ def solver_options(command: Callable) -> Callable:
 
 def camera_options(command: Callable) -> Callable:
     """The options that :func:`camera` and :func:`bad_pixels` take, for a command."""
-    bad = "Picture that is not 0 in bad pixels, which are not used; or auto: hot and dead ones are found."
+    bad = "Picture that is not 0 in bad pixels, which are not used; or auto: hot, dead and stuck ones are found."
     noise = "Standard deviation of the noise, with --gain of that in the dark, in units of y; or auto."
     for option in (
         click.option("--bad", metavar="FILE|auto", help=bad),
