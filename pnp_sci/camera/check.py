@@ -12,6 +12,7 @@ from pnp_sci.camera.code import Code
 from pnp_sci.camera.fit import Finding, Fit
 from pnp_sci.camera.frame_order import frame_order as order_of_frames
 from pnp_sci.camera.groups import hot_groups
+from pnp_sci.camera.lost_mask import lost_at_an_end, step_of
 from pnp_sci.camera.mask_frames import lost_frames, lost_views, repeated_frames, static_views
 from pnp_sci.camera.outliers import negative, outliers
 from pnp_sci.camera.pile import pile
@@ -112,6 +113,8 @@ class Masks:
         self.weight = np.abs(masks).sum((0, 1), dtype=np.float32) if self.signed else self.sums.sum(0)
         self.code = Code(self.sums)
         self.negative = float(np.mean(self.sums.sum(0) < 0))
+        steps = [] if self.signed else [step_of(view) for view in masks]
+        self.steps = [step for step in steps if step is not None]
         lost = lost_views(masks)
         of_frames = (*lost_frames(np.asarray(masks.any((2, 3)))), *static_views(masks))
         self.missing = (*of_frames, *lost) if of_frames or lost else repeated_frames(masks)
@@ -152,6 +155,8 @@ class Masks:
         findings = [*self.missing, *(unlike(scaled, self.weight, hot, dead, good) if warn_of_bad else ())]
         clipped = known if heap is None else known | (scaled >= heap[0])
         findings += [*beyond(float(y[left].max(initial=0)), sensor), *loud(y[left & ~clipped], sensor)]
+        if len(self.steps) == len(self.masks):
+            findings += lost_at_an_end(self.masks, self.steps, scaled, left & ~clipped)
         if heap is not None:
             findings += saturation(y, heap[0] * height, heap[1] * height, sensor, saturated)
         if below := centred(y[left], self.negative) if self.signed else sign(y[good], y[left]):
