@@ -158,7 +158,8 @@ def write(path: str | Path, array: Any) -> None:
     ----------
     path : path
     array : array_like or mapping of str to array_like
-        Real numbers, one at least, on one axis at least. A mapping needs NPZ, HDF5 or MAT.
+        Real numbers, one at least, on one axis at least. A mapping needs NPZ, HDF5 or MAT; in the first two it may
+        hold single numbers, which are read as arrays of one value.
 
     Raises
     ------
@@ -180,7 +181,7 @@ def write(path: str | Path, array: Any) -> None:
     for key, a in arrays.items():
         if a.dtype.kind not in "biuf":
             raise InputTypeError(f"{key} has dtype {a.dtype}: real numbers were expected")
-        if a.ndim == 0 or a.size == 0:
+        if a.size == 0 or (a.ndim == 0 and array is not named):
             raise InputError(f"{key} has shape {a.shape}: an array with axes, none of them of length 0, was expected")
     if not arrays:
         raise InputError("array is a mapping without arrays: one at least was expected")

@@ -10,7 +10,7 @@ from pnp_sci.camera.straight_line import least_squares, straight_line
 from pnp_sci.sensing.noise import blocks
 
 FLOOR = 0.01  # of the median variance of the blocks: none counts as exact
-CHANCE = 3.0  # standard errors: what is nearer to 1, or to 0, is that but for chance
+CHANCE = 3.0  # standard errors within which a slope counts as 1, and a level as 0
 
 
 def black_level(model: LocalModel, fit: LocalFit) -> tuple[float, float]:
@@ -21,9 +21,8 @@ def black_level(model: LocalModel, fit: LocalFit) -> tuple[float, float]:
     slope is 1 if the masks have the right contrast. If it is not, within three standard errors, it is fitted too.
 
     Stray light in a part of the picture tilts the line, so that it meets 0 far away. So the level must be more than
-    three standard errors, and y less the level must be closer to the light than y is. If not, it is 0; where the last
-    fails, y does not tell it, and the error is infinite. So it is if masks complement each other: they do not tell the
-    light.
+    three standard errors, and y less the level must be closer to the light than y is. If not, it is 0. The error is
+    infinite where y less the level is no closer, and where masks complement each other and do not tell the light.
     """
     if not model.tells_light:
         return 0.0, float("inf")

@@ -128,10 +128,14 @@ def _far(picture: np.ndarray, grain: float) -> np.ndarray:
 
 
 def _grain(*pictures: np.ndarray) -> float:
-    """Half a grey level of pictures (H, W), whatever their type and unit; 0 if they are not rounded."""
+    """Half a grey level of pictures (H, W), whatever their type and unit; 0 if they are not rounded.
+
+    With few levels between dark and bright the step is that of the type: 1 for integers, 0 for others.
+    """
+    whole = 1.0 if all(picture.dtype.kind in "iu" for picture in pictures) else 0.0
     step = grey_level(*map(np.ravel, pictures))
     span = np.ptp(np.stack(pictures).astype(np.float64))
-    return step / 2 if LEVELS * step < span else 0.0
+    return (step if LEVELS * step < span else whole) / 2
 
 
 def _median(picture: np.ndarray) -> np.ndarray:

@@ -121,27 +121,29 @@ class Masks:
 
     def fit(self, y: np.ndarray, sensor: Sensor, bad: np.ndarray | None, warn_of_bad: bool) -> Fit:
         """How y (H, W) fits; `bad` pixels (H, W) must be 0 in it."""
-        usable = np.ones(y.shape, bool) if bad is None else ~bad
-        saturated = sensor.saturated(y)
-        stuck = stuck_lines(y, self.sums, usable if saturated is None else usable & ~saturated)
-        if self.signed or not stuck.any():
-            return self._fit(y, sensor, bad, warn_of_bad)
-        fit = self._fit(np.where(stuck, 0, y), sensor, ~usable | stuck, warn_of_bad)
+        good, saturated = np.ones(y.shape, bool) if bad is None else ~bad, sensor.saturated(y)
+        nothing = np.zeros(y.shape, bool)
+        stuck = nothing
+        if not self.signed:
+            stuck = stuck_lines(y, self.sums, good if saturated is None else good & ~saturated)
+        fit = self._fit(np.where(stuck, 0, y), sensor, good & ~stuck, saturated, warn_of_bad)
+        if not stuck.any() or any(f.kind in OTHERS for f in fit.findings):
+            return fit
         found = (stuck_at(y[stuck]), *fit.findings) if warn_of_bad else fit.findings
         return replace(fit, stuck=stuck, findings=found)
 
-    def _fit(self, y: np.ndarray, sensor: Sensor, bad: np.ndarray | None, warn_of_bad: bool) -> Fit:
-        """How y (H, W) fits, of which no line is stuck."""
+    def _fit(
+        self, y: np.ndarray, sensor: Sensor, good: np.ndarray, saturated: np.ndarray | None, warn_of_bad: bool
+    ) -> Fit:
+        """How the good pixels of y (H, W), which is 0 in the others, fit; no line of it is stuck."""
         height = float(np.abs(y).max())
         nothing = np.zeros(y.shape, bool)
         if height == 0:
-            text = "y is 0 everywhere" if bad is None or not bad.any() else "y is 0 in all pixels that are not bad"
+            text = "y is 0 everywhere" if good.all() else "y is 0 in all pixels that are not bad"
             empty = Finding("empty", text, "look for missing parts of its file, or a closed shutter")
             found = (*self.missing, empty) if self.masks.any() else self.missing
-            return Fit(None, None, 0.0, nothing, nothing, found, text)
+            return Fit(None, None, 0.0, nothing, nothing, nothing, found, text)
         scaled = (y / height).astype(np.float32)
-        good = np.ones(y.shape, bool) if bad is None else ~bad
-        saturated = sensor.saturated(y)
         known = nothing if saturated is None else saturated
         hot, dead = self._outliers(scaled, good)
         left = good & ~hot & ~dead
@@ -160,7 +162,7 @@ class Masks:
         if heap is not None:
             findings += saturation(y, heap[0] * height, heap[1] * height, sensor, saturated)
         if below := centred(y[left], self.negative) if self.signed else sign(y[good], y[left]):
-            return Fit(None, None, 0.0, nothing, nothing, (*self.missing, *below))
+            return Fit(None, None, 0.0, nothing, nothing, nothing, (*self.missing, *below))
         good = left
         return self._by_code(scaled * good, good, clipped, height, findings, hot, dead, heap)
 
@@ -185,7 +187,17 @@ class Masks:
                 code = Code(self.sums, good & ~clipped)
         full_scale = None if heap is None else heap[0] * height
         if not code.present or clipped.mean() > 0.5:
-            return Fit(None, None, 0.0, hot, dead, tuple(findings), _why(self.code), full_scale=full_scale)
+            return Fit(
+                None,
+                None,
+                0.0,
+                hot,
+                dead,
+                np.zeros(y.shape, bool),
+                tuple(findings),
+                _why(self.code),
+                full_scale=full_scale,
+            )
         match = code.match(y)
         found = judge_code(code, y, match)
         if (clipped & (code.used > 0)).any():
@@ -201,6 +213,7 @@ class Masks:
             match.share,
             hot,
             dead,
+            np.zeros(y.shape, bool),
             (*findings, *found),
             "" if found or (code.tells_light and told(match)) else _hidden(code),
             shift_of(match),

@@ -159,9 +159,8 @@ class Code:
         by_rows, by_columns = (_slope(predicted, axis) for axis in (0, 1))
         down, right = self.from_centre
         turned, grown = down * by_columns - right * by_rows, down * by_rows + right * by_columns
-        off, turn = (
-            _together(*(self._beside(term, left_over, explained) for term in terms))
-            for terms in ((by_rows, by_columns), (turned, grown))
+        rows, columns, rotation, growth = (
+            self._beside(term, left_over, explained) for term in (by_rows, by_columns, turned, grown)
         )
         return Match(
             follows,
@@ -171,8 +170,8 @@ class Code:
             explained / total if total else 0.0,
             total / max(self._least(mean), 1e-30),
             self._level(levels, left_over),
-            off,
-            turn,
+            _together(rows, columns),
+            _together(rotation, growth),
             self._beside(_laplacian(predicted), left_over, explained),
             self._lag(detail, predicted, explained),
         )

@@ -56,8 +56,8 @@ class Fit:
         Smallest value of a pile at the upper end of y, if there is one.
     hot, dead : ndarray of bool, (H, W)
         Pixels that do not follow the light, `bad` ones left out.
-    stuck : ndarray of bool, (H, W), or None
-        Pixels of columns and rows that are stuck at one value, if there are any.
+    stuck : ndarray of bool, (H, W)
+        Pixels of columns and rows that are stuck at one value, `bad` ones left out.
     frame_order : str
         "forward", "reversed" or "unknown"; "not checked" unless asked for.
     """
@@ -67,13 +67,13 @@ class Fit:
     share: float
     hot: np.ndarray
     dead: np.ndarray
+    stuck: np.ndarray
     findings: tuple[Finding, ...] = ()
     unknown: str = ""
     shift: tuple[float, float] | None = None
     black_level: float | None = None
     full_scale: float | None = None
     frame_order: str = "not checked"
-    stuck: np.ndarray | None = None
 
     @property
     def ok(self) -> bool:
@@ -83,8 +83,7 @@ class Fit:
     @property
     def bad(self) -> np.ndarray:
         """Hot, dead and stuck pixels, bool (H, W)."""
-        found = self.hot | self.dead
-        return found if self.stuck is None else found | self.stuck
+        return self.hot | self.dead | self.stuck
 
     @property
     def warnings(self) -> tuple[str, ...]:
@@ -103,7 +102,7 @@ class Fit:
             "full_scale": self.full_scale,
             "hot": int(self.hot.sum()),
             "dead": int(self.dead.sum()),
-            "stuck": 0 if self.stuck is None else int(self.stuck.sum()),
+            "stuck": int(self.stuck.sum()),
             "frame_order": self.frame_order,
             "findings": [{"kind": f.kind, "text": f.text, "hint": f.hint} for f in self.findings],
         }
@@ -118,7 +117,7 @@ class Fit:
         lines.append(f"Fine detail that they explain: {self.share:.0%}")
         if self.hot.any() or self.dead.any():
             lines.append(f"Pixels unlike their neighbours: {self.hot.sum()} bright, {self.dead.sum()} dark")
-        if self.stuck is not None:
+        if self.stuck.any():
             lines.append(f"Pixels of columns or rows that are stuck: {self.stuck.sum()}")
         if self.frame_order != "not checked":
             lines.append(f"Order of the frames: {self.frame_order}")

@@ -48,17 +48,21 @@ def search(models: list[LocalModel], each_view: bool | Literal["auto"]) -> Refin
     own = _refined([best.model] if starts == best.transforms else models, starts, apart)
     if each_view is True:
         return own
-    if _explains_more(own, best) and _views_differ(own):
-        return own
+    shared = _with_the_strong(models, own, best)
+    if _explains_more(own, shared):
+        shared = own
+    return shared if _views_differ(shared) else best
+
+
+def _with_the_strong(models: list[LocalModel], own: Refined, best: Refined) -> Refined:
+    """Own transforms of the strong views, with the first of which the others move; `best` if one at most is strong."""
     strong = own.fit.strong
-    if strong.sum() < 2:
-        return best
-    if not strong.all():  # the others move with the first that is strong
-        groups = apart[strong]
-        groups[0] += ~strong
-        first = own.transforms[int(strong.argmax())]
-        own = _refined(models, [t if s else first for t, s in zip(own.transforms, strong)], groups)
-    return own if _views_differ(own) else best
+    if strong.all() or strong.sum() < 2:
+        return own if strong.all() else best
+    groups = np.eye(len(strong))[strong]
+    groups[0] += ~strong
+    first = own.transforms[int(strong.argmax())]
+    return _refined(models, [t if s else first for t, s in zip(own.transforms, strong)], groups)
 
 
 def trusted(found: Refined) -> bool:
@@ -114,12 +118,9 @@ def _sharp(transforms: list[Transform]) -> list[Transform]:
     return [replace(transform, blur=0.0) for transform in transforms]
 
 
-def _explains_more(own: Refined, best: Refined) -> bool:
-    """Whether transforms of their own explain more than one for all views, by more than chance and materially.
-
-    Then they are real, even if more is left unexplained than some view explains.
-    """
-    common = best.model.fit(best.transforms, own.fit.usable).share
+def _explains_more(own: Refined, shared: Refined) -> bool:
+    """Whether transforms of all views explain more than shared ones, by more than chance and materially."""
+    common = shared.model.fit(shared.transforms, own.fit.usable).share
     return own.fit.share - common > max(MATERIAL * common, BY_CHANCE * own.fit.share_by_chance)
 
 

@@ -5,20 +5,20 @@ from __future__ import annotations
 import numpy as np
 
 SMALL = 0.1  # of the median step from pixel to pixel: a stuck line may have some noise
-FEWEST = 9  # pixels: fewer are no line
+SHORTEST = 9  # pixels of a run: fewer are no line
 AROUND = 4  # columns on either side that tell how often steps are small
-BY_CHANCE = 1e-4  # lines of a picture that are taken for stuck, on average
-FEW = 0.1  # of the pixels: more that are alike are no defects of a sensor
-END, ALIKE = 1e-3, 3  # part of the pixels beyond a value, and pixels that have it, at which it is an end of the range
+BY_CHANCE = 1e-6  # runs of a picture, at most, that would be so long by chance if steps were independent
+FEW = 0.1  # of the pixels: more in such runs are no defects of a sensor
+END = 1e-3  # of the pixels: if no more are beyond a value, it is an end of the range
+ALIKE = 3  # other pixels that have the largest value if it is that of saturation
 
 
 def stuck_lines(y: np.ndarray, sums: np.ndarray, usable: np.ndarray) -> np.ndarray:
     """Pixels of columns and rows of y (H, W) that are stuck above 0, bool; `sums` (V, H, W) are of each view's masks.
 
     Along a stuck line steps from pixel to pixel are small where those of the masks are not, in units of the pixels'
-    values. Elsewhere a step is so small with the probability p that the lines beside it show. So a run of n such steps
-    is there by chance with p to the power of n. The darkest values of y are those of dark parts of the scene. The
-    largest ones are saturated if others have them, too.
+    values. The lines beside it give the probability p of so small a step; n in a row have p**n. The darkest values of y
+    are those of dark parts of the scene. The largest ones are saturated if others have them, too.
 
     Examples
     --------
@@ -30,7 +30,7 @@ def stuck_lines(y: np.ndarray, sums: np.ndarray, usable: np.ndarray) -> np.ndarr
     >>> int(stuck.sum()), int(stuck[10:50, 20].sum())
     (40, 40)
     """
-    usable = usable & (y > 0)
+    y, usable = y.astype(np.float64), usable & (y > 0)
     flipped = (pixels[::-1] for pixels in _runs(y.T, sums.swapaxes(1, 2), usable.T))
     runs = [*_runs(y, sums, usable), *flipped]
     stuck, others = np.zeros(y.shape, bool), usable.copy()
@@ -53,7 +53,7 @@ def _runs(y: np.ndarray, sums: np.ndarray, usable: np.ndarray) -> list[tuple[sli
     begin_or_end = np.diff(np.pad(small, ((1, 1), (0, 0))).astype(np.int8), axis=0).T
     (columns, first), (_, last) = np.nonzero(begin_or_end > 0), np.nonzero(begin_or_end < 0)
     found = []
-    for run in np.flatnonzero(last - first >= FEWEST - 1):
+    for run in np.flatnonzero(last - first >= SHORTEST - 1):
         column, rows = columns[run], slice(first[run], last[run])
         beside = rows, slice(max(column - AROUND, 0), column + AROUND + 1)
         count = telling[rows, column].sum()

@@ -14,7 +14,6 @@ KNOWN = 0.9  # of the pixels of a pile: if so many are known to be saturated, th
 BEYOND = 1.5  # of the full scale: values that are larger have other units
 HARMFUL = {"hot": 1e-3, "dead": 1.5e-3}  # of the energy of y: outliers of that much cost some tenths of a dB
 LIGHTS = 1e-2  # of the energy of y: as much is worth a warning even if points of light may look so
-SEVERAL = 4  # hot pixels: fewer do not tell whether they follow the masks
 FEWEST = 25  # values: fewer do not tell how much y varies
 LOUD = 3.0  # standard deviations of y: noise above that is impossible, also where y is clipped at 0
 BELOW = 0.5  # standard deviations of y: so far below 0 no mean of noise is
@@ -51,8 +50,10 @@ def _limit_of_hot(excess: np.ndarray, weight: np.ndarray) -> float:
 
     Points of light are told from hot pixels as what they add rises with the weight, the sum of the masks.
     """
-    slope, error = rise(excess, weight) if excess.size >= SEVERAL else (HALF, np.inf)
-    return HARMFUL["hot"] if slope + error < HALF else np.inf if slope - error > HALF else LIGHTS
+    slope, error = rise(excess, weight)
+    if slope + error < HALF:
+        return HARMFUL["hot"]
+    return LIGHTS if slope - error < HALF else np.inf
 
 
 def stuck_at(y: np.ndarray) -> Finding:

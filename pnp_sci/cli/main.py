@@ -29,7 +29,7 @@ COMMANDS = {
 }
 
 
-ENDED = 128 + 15  # exit code of a process that SIGTERM ends, as shells give it
+ENDED = 128 + signal.SIGTERM  # exit code of a process that SIGTERM ends, as shells give it
 
 
 class _OnUse(Mapping[str, click.Command]):

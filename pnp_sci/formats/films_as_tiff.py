@@ -33,7 +33,7 @@ def save(path: Path, x: np.ndarray, fps: float, white: np.ndarray, ome: bool, co
     """
     import tifffile
 
-    top, known = float(np.abs(x).max()), np.finfo(np.float32)
+    top, known = max(float(x.max()), -float(x.min())), np.finfo(np.float32)
     if top > float(known.max) or 0 < top < float(known.tiny):
         raise InputError(f"{path}: the video reaches {top:.3g}, but this TIFF has float32; Result.save keeps float64")
     views = x.shape[1]

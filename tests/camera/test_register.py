@@ -96,6 +96,16 @@ def test_one_view_may_move_though_texture_hides_more_than_it_explains():
         assert len(set(pnp_sci.register(seen_through(same, truth), masks).transforms)) == 1
 
 
+def test_a_dim_view_moves_with_the_first_of_those_that_moved_apart():
+    texture = gaussian_filter(np.random.default_rng(0).random((3, 8, SIZE, SIZE)), (0, 4, 1.2, 1.2))
+    truth = np.clip(0.4 + 0.1 * (texture - 0.5) / texture.std(), 0, 1) * np.array([1, 1, 0.02])[:, None, None, None]
+    masks = pnp_sci.random_masks(truth.shape, seed=1)
+    one, other = moved(masks, (0.3, 0.5)), moved(masks, (1.6, -0.8))
+    first, second, dim = pnp_sci.register(seen_through(np.stack([one[0], other[1], one[2]]), truth), masks).transforms
+    assert apart(first, (0.3, 0.5), 0, 1) < 0.1 > apart(second, (1.6, -0.8), 0, 1)
+    assert dim == first
+
+
 def test_a_dark_view_moves_with_the_other(scene):
     y = seen_through(moved(scene.masks[:1], (0.5, 0.3)), scene.truth[:1])
     first, second = pnp_sci.register(y, scene.masks).transforms

@@ -31,8 +31,10 @@ def test_a_process_without_stderr(meas):
 def test_a_bar_without_stderr(monkeypatch):
     scene = pnp_sci.datasets.embedded_scene(32)
     monkeypatch.setattr(sys, "stderr", None)
-    pnp_sci.solve(scene.y, scene.masks, iterations=1, progress=True)
-    compare(scene.y, scene.masks, [Method("none", iterations=1)], progress=True)
+    result = pnp_sci.solve(scene.y, scene.masks, "none", iterations=1, progress=True)
+    assert result.history[-1].iteration == 1
+    (trial,) = compare(scene.y, scene.masks, [Method("none", iterations=1)], progress=True).trials
+    assert trial.error is None
 
 
 @posix

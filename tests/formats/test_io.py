@@ -484,6 +484,12 @@ def test_a_failed_write_leaves_nothing_behind(tmp_path):
         io.write(tmp_path / "no" / "a.npy", np.ones(3))
 
 
+@pytest.mark.parametrize("suffix", ["npz", "h5"])
+def test_a_number_beside_an_array_is_kept(tmp_path, suffix):
+    io.write(tmp_path / f"a.{suffix}", {"y": np.ones((4, 4)), "fps": 5.0})
+    assert io.read(tmp_path / f"a.{suffix}", key="fps").item() == 5
+
+
 @pytest.mark.parametrize("suffix", [*EXACT, "png", "avi", "mp4", "gif", ""])
 @pytest.mark.parametrize("shape", [(), (0,), (0, 4, 4), (2, 0, 4)])
 def test_an_array_without_values_or_axes_is_refused_by_its_shape(tmp_path, suffix, shape):
@@ -492,8 +498,9 @@ def test_an_array_without_values_or_axes_is_refused_by_its_shape(tmp_path, suffi
     with pytest.raises(InputError, match=rf"array has shape \({', '.join(map(str, shape))},?\)"):
         io.write(path, array)
     if suffix in ("mat", "npz", "h5", "hdf5"):
-        with pytest.raises(InputError, match="dark has shape"):
-            io.write(path, {"y": np.ones((4, 4)), "dark": array})
+        if array.ndim:
+            with pytest.raises(InputError, match="dark has shape"):
+                io.write(path, {"y": np.ones((4, 4)), "dark": array})
         with pytest.raises(InputError, match="without arrays"):
             io.write(path, {})
     assert os.listdir(tmp_path) == []
