@@ -113,8 +113,7 @@ class Masks:
         self.weight = np.abs(masks).sum((0, 1), dtype=np.float32) if self.signed else self.sums.sum(0)
         self.code = Code(self.sums)
         self.negative = float(np.mean(self.sums.sum(0) < 0))
-        steps = [] if self.signed else [step_of(view) for view in masks]
-        self.steps = [step for step in steps if step is not None]
+        self.steps = [None if self.signed else step_of(view) for view in masks]
         lost = lost_views(masks)
         of_frames = (*lost_frames(np.asarray(masks.any((2, 3)))), *static_views(masks))
         self.missing = (*of_frames, *lost) if of_frames or lost else repeated_frames(masks)
@@ -157,7 +156,7 @@ class Masks:
         findings = [*self.missing, *(unlike(scaled, self.weight, hot, dead, good) if warn_of_bad else ())]
         clipped = known if heap is None else known | (scaled >= heap[0])
         findings += [*beyond(float(y[left].max(initial=0)), sensor), *loud(y[left & ~clipped], sensor)]
-        if len(self.steps) == len(self.masks):
+        if all(step is not None for step in self.steps):
             findings += lost_at_an_end(self.masks, self.steps, scaled, left & ~clipped)
         if heap is not None:
             findings += saturation(y, heap[0] * height, heap[1] * height, sensor, saturated)

@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from itertools import pairwise
+from typing import Any
 
 import numpy as np
 
@@ -11,8 +13,9 @@ from pnp_sci.sensing.light import light_of_frames
 from pnp_sci.sensing.operator import SensingOperator
 
 SIDE = 512  # pixels of the central part, at most, that is looked at
-MOVED = 0.1  # of the variance of a mask: as little must remain of it if the one before, moved, is subtracted
-SEEN = 0.75  # light of an exposed frame, at least, in units of the mean of its view; others have less than 1 - SEEN
+MOVED = 0.1  # largest part of a mask's variance that may be left of it without the previous mask, moved
+LIT = 0.75  # light of an exposed frame, at least, in units of the mean of its view: lost ones had 1.0 to 1.24
+DARK = 0.25  # light of a frame that was not exposed, at most: none had more than 0.05
 
 
 def step_of(masks: np.ndarray) -> np.ndarray | None:
@@ -33,31 +36,32 @@ def step_of(masks: np.ndarray) -> np.ndarray | None:
     half = np.array(size) // 2
     step = (np.array(np.unravel_index(alike.argmax(), size)) + half) % size - half
     inside = _inside(size, step)
+    if not step.any() or not inside.any():
+        return None
     for before, mask in pairwise(central.astype(np.float32)):
         rest = mask - np.roll(before, step, (0, 1))
-        if not inside.any() or np.mean(np.square(rest), where=inside) > MOVED * np.var(mask, where=inside):
+        if np.mean(np.square(rest), where=inside) > MOVED * np.var(mask, where=inside):
             return None
-    return step if step.any() else None
+    return step
 
 
-def lost_at_an_end(masks: np.ndarray, steps: list[np.ndarray], y: np.ndarray, good: np.ndarray) -> list[Finding]:
+def lost_at_an_end(masks: np.ndarray, steps: Sequence[Any], y: np.ndarray, good: np.ndarray) -> list[Finding]:
     """The finding of a mask that is missing before or after masks (V, B, H, W), which move by the steps of their views.
 
     The two masks that would follow are known from the step. The light of each frame, theirs included, is estimated from
-    the good pixels of y (H, W): that of the next one is 0, unless it was exposed. That of the one after it is 0 in any
-    case, or y does not tell.
+    the good pixels of y (H, W). The next one is dark, unless it was exposed. The one after it must be dark, or y does
+    not tell. The frame at the other end must be lit: if not, all masks are there, and are off by one step.
     """
     masks, y, good = _middle(masks), _middle(y), _middle(good)
     reach = 2 * np.abs(steps).max(0)
-    for end, forwards in (("last", 1), ("first", -1)):
+    for where, forwards in (("after the last", 1), ("before the first", -1)):
         frames = masks[:, ::forwards]
         following = [
             np.stack([np.roll(v[-1], n * forwards * step, (0, 1)) for v, step in zip(frames, steps)]) for n in (1, 2)
         ]
         op = SensingOperator(np.concatenate([frames, np.stack(following, 1)], 1))
-        *_, next_one, control = light_of_frames(op, y, good & _inside(y.shape, reach))[..., 0, 0].T
-        if np.any((next_one > SEEN) & (control < 1 - SEEN)):
-            where = {"last": "after the last", "first": "before the first"}[end]
+        opposite, *_, after, control = light_of_frames(op, y, good & _inside(y.shape, reach))[..., 0, 0].T
+        if np.any((after > LIT) & (control < DARK) & (opposite > DARK)):
             hint = "give the masks of all frames: their file, or the part that is read, may lack one"
             return [Finding("missing", f"y follows one more mask, {where} one", hint)]
     return []
@@ -65,8 +69,8 @@ def lost_at_an_end(masks: np.ndarray, steps: list[np.ndarray], y: np.ndarray, go
 
 def _middle(pictures: np.ndarray) -> np.ndarray:
     """The central part of pictures (..., H, W)."""
-    rows, columns = (slice(max(n - SIDE, 0) // 2, max(n - SIDE, 0) // 2 + SIDE) for n in pictures.shape[-2:])
-    return pictures[..., rows, columns]
+    top, left = (max(n - SIDE, 0) // 2 for n in pictures.shape[-2:])
+    return pictures[..., top : top + SIDE, left : left + SIDE]
 
 
 def _inside(size: tuple[int, ...], reach: np.ndarray) -> np.ndarray:
