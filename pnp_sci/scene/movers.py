@@ -37,7 +37,7 @@ def shows_more(simple: SceneModel, op: SensingOperator, residual: np.ndarray) ->
     clipped = np.clip(residual, -loud, loud)
     views = list(free_masks(simple, op))
     tracks = Tracks.of(op.shape[1], any(free.share == 0 for free in views))
-    scores, places = np.zeros(len(tracks.steps)), 0
+    scores, places = np.zeros(len(tracks.speed)), 0
     for free in views:
         best, count = tracks.scores(free, clipped)
         scores, places = np.maximum(scores, best), places + count
@@ -57,16 +57,17 @@ def limit(tried: int, kinds: int = 1) -> float:
 
 @dataclass(frozen=True)
 class Tracks:
-    """Courses of windows through the frames.
+    """Straight courses of windows through the frames.
 
     Attributes
     ----------
-    steps : ndarray of int, (N, B, 2)
-        Rows and columns of a window beside its first place, in so many frames from `first` as `length` says.
+    speed : ndarray of int, (N, 2)
+        Rows and columns from frame to frame.
     first, length : ndarray of int, (N,)
+        First frame, and number of frames.
     """
 
-    steps: np.ndarray
+    speed: np.ndarray
     first: np.ndarray
     length: np.ndarray
 
@@ -81,15 +82,13 @@ class Tracks:
         speeds = [(y, x) for y in range(1 - SIDE, SIDE) for x in range(1 - SIDE, SIDE) if (y, x) != (0, 0)]
         long = min(frames, LONG)
         runs += [(start, long, speed) for start in _starts(frames, long) for speed in speeds if long > 1]
-        steps = np.zeros((len(runs), frames, 2), np.int64)
-        for track, (_, length, speed) in zip(steps, runs):
-            track[:length] = np.arange(length)[:, None] * np.array(speed)
-        return cls(steps, np.array([run[0] for run in runs]), np.array([run[1] for run in runs]))
+        speed = np.array([run[2] for run in runs], np.int64).reshape(-1, 2)
+        return cls(speed, np.array([run[0] for run in runs]), np.array([run[1] for run in runs]))
 
     @property
     def moving(self) -> np.ndarray:
         """Which of them move, (N,)."""
-        return np.any(self.steps, axis=(1, 2))
+        return np.any(self.speed, axis=1)
 
     def scores(self, free: Free, residual: np.ndarray) -> tuple[np.ndarray, int]:
         """The largest score of each track over all places and sizes of windows (N,), and how many places there are.
@@ -97,20 +96,20 @@ class Tracks:
         Scores are in standard deviations, by permutation or by what is usual in the picture, whichever is more. A track
         that moves with the pattern of the masks has none: it sees one part of the pattern only.
         """
-        best, places = np.zeros(len(self.steps)), 0
+        best, places = np.zeros(len(self.speed)), 0
         rooted, shift = free.rooted(residual), free.shift
         parts, spread = residual * free.masks, rooted**2
-        scale = _even(self.steps, self.length, free.share)
+        scale = _even(self.speed, self.length, free.share)
         for zoom in ZOOMS:
             if min(spread.shape) < SIDE or not spread.any():
                 break
             if CELLS * free.cell <= SIDE * zoom:
-                top, energy = np.zeros((2, len(self.steps)))
+                top, energy = np.zeros((2, len(self.speed)))
                 totals, variance = _windows(parts), _windows(spread)
                 normal = (totals / np.sqrt(variance + DIM * variance.mean())).astype(np.float32)
                 how = SIDE, zoom, scale, free.share, shift, bool(shift.any())
-                follow(totals, normal, rooted, self.steps, self.first, self.length, *how, top, energy)
-                top[self.moving & np.all(zoom * self.steps[:, 1:2] == shift, (1, 2))] = 0
+                follow(totals, normal, rooted, self.speed, self.first, self.length, *how, top, energy)
+                top[self.moving & np.all(zoom * self.speed == shift, 1)] = 0
                 best, places = np.maximum(best, np.sqrt(top / np.maximum(energy, 1))), places + variance.size
             parts, spread = _halved(parts), _halved(spread)
         return best, places
@@ -122,15 +121,16 @@ def _starts(frames: int, length: int) -> list[int]:
     return sorted({*range(0, last + 1, max(length // 2, 1)), last}) if last >= 0 else []
 
 
-def _even(steps: np.ndarray, length: np.ndarray, share: float) -> np.ndarray:
+def _even(speed: np.ndarray, length: np.ndarray, share: float) -> np.ndarray:
     """The variance of one window over that of each track (N,), where all pixels have the same; 0 if it has none.
 
     Each frame adds a window; all pairs of frames lose their overlap, as often as `share` says.
     """
-    used = np.arange(steps.shape[1]) < length[:, None]
-    apart = np.abs(steps[:, :, None] - steps[:, None])
-    overlap = np.prod(np.maximum(SIDE - apart, 0), -1) * (used[:, :, None] & used[:, None])
-    variance = length * SIDE**2 - share * overlap.sum((1, 2))
+    own = lost = length * SIDE**2
+    for apart in range(1, length.max()):  # frames between two
+        overlap = np.prod(np.maximum(SIDE - apart * np.abs(speed), 0), axis=1)
+        lost = lost + 2 * np.maximum(length - apart, 0) * overlap
+    variance = own - share * lost
     return np.where(variance > DIM, SIDE**2 / np.maximum(variance, DIM), 0)
 
 

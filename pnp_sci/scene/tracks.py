@@ -63,17 +63,19 @@ def track_variance(rooted, top, left, steps, first, frames, side, share, shift, 
 
 
 @kernel
-def follow(totals, scores, rooted, tracks, first, length, side, zoom, scale, share, shift, shifting, best, energy):
+def follow(totals, scores, rooted, speed, first, length, side, zoom, scale, share, shift, shifting, best, energy):
     """best, energy (N,) <- the largest squared score of each of N tracks over all positions, and the mean one.
 
     totals, scores (B, h, w): sums over windows of `side`, and the same in standard deviations, in a picture reduced by
-    `zoom`; rooted (H, W) as for the variance, not reduced. tracks (N, L, 2): rows and columns of a window beside its
-    start, of `length` frames from `first`. `scale` (N,) makes of the squared sum of scores a square of variance 1 on
+    `zoom`; rooted (H, W) as for the variance, not reduced. speed (N, 2): rows and columns of a window from frame to
+    frame, for `length` frames from `first`. `scale` (N,) makes of the squared sum of scores a square of variance 1 on
     even ground: a fast estimate, which tells where the exact one is worth its time.
     """
     frames, rows, columns = scores.shape
-    for n in numba.prange(len(tracks)):
-        steps = tracks[n, : length[n]]
+    for n in numba.prange(len(speed)):
+        steps = np.empty((length[n], 2), np.int64)
+        for k in range(length[n]):
+            steps[k] = k * speed[n]
         low, high = _reach(steps)
         sums = np.empty(max(columns - high[1] + low[1], 0), np.float32)
         top, total, count = 0.0, 0.0, 0

@@ -1,6 +1,7 @@
 """A mover is never erased: the residual of a still model is chance where nothing moves, and nowhere else."""
 
 import importlib.util
+import tracemalloc
 from pathlib import Path
 
 import numpy as np
@@ -208,7 +209,31 @@ def test_tracks_cover_all_frames():
                 covered = {b for f, n in zip(tracks.first[kind], tracks.length[kind]) for b in range(f, f + n)}
                 assert covered == set(range(frames))
         assert tracks.moving.any() == (frames > 1)
-        assert (np.abs(np.diff(tracks.steps[tracks.moving][:, :2], axis=1)) < movers.SIDE).all()
+        assert (np.abs(tracks.speed[tracks.moving]) < movers.SIDE).all()
+
+
+@pytest.mark.parametrize("share", [0, 0.1])
+def test_the_variance_on_even_ground_counts_the_overlaps(share):
+    tracks = Tracks.of(6, True)
+    expected = []
+    for speed, length in zip(tracks.speed, tracks.length):
+        seen = np.zeros((length, 100, 100))
+        for k, (row, column) in enumerate(50 + np.arange(length)[:, None] * speed):
+            seen[k, row : row + movers.SIDE, column : column + movers.SIDE] = 1
+        expected.append(movers.SIDE**2 / (np.sum(seen**2) - share * np.sum(seen.sum(0) ** 2)))
+    np.testing.assert_allclose(movers._even(tracks.speed, tracks.length, share), expected)
+
+
+def test_many_frames_need_little_memory():
+    masks = pnp_sci.random_masks((1, 200, 32, 32), seed=0)
+    y = masks[0].sum(0, dtype=np.float32)
+    still = SceneModel((True,), True)
+    shows_more(still, SensingOperator(masks, np.float32), y - y.mean())  # compiles
+    tracemalloc.start()
+    shows_more(still, SensingOperator(masks, np.float32), y - y.mean())
+    peak = tracemalloc.get_traced_memory()[1]
+    tracemalloc.stop()
+    assert peak < 20 * masks.size * 8
 
 
 def test_the_limit_is_that_of_bonferroni():
