@@ -114,6 +114,8 @@ class Masks:
         self.code = Code(self.sums)
         self.negative = float(np.mean(self.sums.sum(0) < 0))
         self.steps = [None if self.signed else step_of(view) for view in masks]
+        ends = {None if step is None else tuple(((1 - masks.shape[1]) * step).tolist()) for step in self.steps}
+        self.mirrored = ends.pop() if len(ends) == 1 else None
         lost = lost_views(masks)
         of_frames = (*lost_frames(np.asarray(masks.any((2, 3)))), *static_views(masks))
         self.missing = (*of_frames, *lost) if of_frames or lost else repeated_frames(masks)
@@ -198,7 +200,8 @@ class Masks:
                 full_scale=full_scale,
             )
         match = code.match(y)
-        found = judge_code(code, y, match)
+        shift = shift_of(code, y, match, self.mirrored)
+        found = judge_code(code, y, match, shift, self.mirrored)
         if (clipped & (code.used > 0)).any():
             found = [f for f in found if f.kind not in LEVELS]
         if any(f.kind in OTHERS for f in found):  # what such masks allow says nothing of single pixels
@@ -215,7 +218,7 @@ class Masks:
             np.zeros(y.shape, bool),
             (*findings, *found),
             "" if found or (code.tells_light and told(match)) else _hidden(code),
-            shift_of(match),
+            shift,
             black,
             full_scale,
         )

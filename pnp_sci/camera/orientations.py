@@ -32,6 +32,10 @@ class Arrangement:
     shift: tuple[int, int]
     inverted: bool
 
+    def arranged(self, sums: np.ndarray) -> np.ndarray:
+        """Sums of masks (V, H, W) in this arrangement; what leaves at one side comes in at the other."""
+        return np.roll(ARRANGEMENTS[self.name](sums), self.shift, (1, 2))
+
 
 def search(code: Code, y: np.ndarray) -> Arrangement | None:
     """The arrangement of masks that y (H, W) follows beyond chance, of all turns, flips and shifts; None if none.

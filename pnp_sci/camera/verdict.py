@@ -27,36 +27,46 @@ def told(match: Match) -> bool:
     return match.error < TELLS or match.level.errors > SURELY
 
 
-def shift_of(match: Match) -> tuple[float, float] | None:
-    """By how many pixels the masks must be moved; None if they are where they belong."""
+def shift_of(code: Code, y: np.ndarray, match: Match, mirrored: tuple[int, int] | None) -> tuple[float, float] | None:
+    """By how many pixels the masks must be moved; None if they are where they belong, or are no masks of y (H, W).
+
+    `mirrored`: how masks that move by a constant step must be moved to have the sum of masks that move the other way.
+    """
     if match.lag.errors > SURELY and match.lag.gain > MATERIAL:
-        return match.lag.value  # type: ignore[return-value]
-    if match.off.errors > SURELY and match.off.gain > MATERIAL:
+        lag = int(match.lag.value[0]), int(match.lag.value[1])
+        moved = {shift: Code(np.roll(code.sums, shift, (1, 2)), code.good).match(y) for shift in (lag, mirrored or lag)}
+        best = max(moved, key=lambda shift: moved[shift].share)
+        return best if _are_right(moved[best]) else None
+    if match.off.errors > SURELY and match.off.gain > MATERIAL and _are_right(match):
         return match.off.value  # type: ignore[return-value]
     return None
 
 
-def judge_code(code: Code, y: np.ndarray, match: Match) -> list[Finding]:
+def _are_right(match: Match) -> bool:
+    """Whether enough of the light follows the masks, or their inverse, to tell that they are those of y."""
+    return match.error >= TELLS or abs(match.follows) > max(SURELY * match.error, FIFTH)
+
+
+def judge_code(
+    code: Code, y: np.ndarray, match: Match, shift: tuple[float, float] | None, mirrored: tuple[int, int] | None
+) -> list[Finding]:
     """What is wrong with masks or measurement y (H, W): one finding at most, as each hides those that follow."""
-    if (shift := shift_of(match)) is not None:
-        whole = all(isinstance(s, int) for s in shift)
-        size = "({}, {})".format(*shift) if whole else "({:.1f}, {:.1f})".format(*np.clip(shift, -1, 1))
-        text = f"masks moved by about {size} pixels, in rows and columns, explain more of y"
-        return [Finding("shift", text, REGISTER)]
-    if match.turn.errors > SURELY and match.turn.gain > MATERIAL:
+    if shift is not None:
+        return [_moved(shift, mirrored)]
+    if match.turn.errors > SURELY and match.turn.gain > MATERIAL and _are_right(match):
         return [Finding("shift", "masks turned or magnified a little explain more of y", REGISTER)]
     if not code.tells_light:
         return []
     if match.error >= TELLS:
         if match.level.errors <= SURELY:
-            return _others(code, y, match, certain=False)
+            return _others(code, y, match, mirrored, certain=False)
         if max(match.level.value, key=abs) < 0:
             return [_inverted()]
         return [_subtracted(match)] if match.light + LIKELY * match.light_error < 1 - TENTH else []
     if match.follows + SURELY * match.error < 0 and match.share > MATERIAL:
         return [_inverted()]
     if match.follows + LIKELY * match.error < HALF:
-        return _others(code, y, match, certain=True)
+        return _others(code, y, match, mirrored, certain=True)
     low = match.follows + LIKELY * match.error < 1 - TENTH
     high = match.follows - LIKELY * match.error > 1 + TENTH
     if (low or high) and match.blur.errors > SURELY and abs(match.blur.gain) > MATERIAL:
@@ -64,10 +74,27 @@ def judge_code(code: Code, y: np.ndarray, match: Match) -> list[Finding]:
     return [_weak(code, y, match)] if low else [_contrast(match)] if high else []
 
 
-def _others(code: Code, y: np.ndarray, match: Match, certain: bool) -> list[Finding]:
+def _moved(shift: tuple[float, float], mirrored: tuple[int, int] | None) -> Finding:
+    if shift == mirrored:
+        return _other_way(shift)
+    whole = all(isinstance(s, int) for s in shift)
+    size = "({}, {})".format(*shift) if whole else "({:.1f}, {:.1f})".format(*np.clip(shift, -1, 1))
+    return Finding("shift", f"masks moved by about {size} pixels, in rows and columns, explain more of y", REGISTER)
+
+
+def _other_way(shift: tuple[float, float]) -> Finding:
+    """The sum of masks says the same of both: the order of the frames differs."""
+    text = "masks that move the other way explain more of y, or these moved by ({}, {}) pixels".format(*shift)
+    how = "masks[:, ::-1] moved so are the former; of the two, keep those whose video moves smoothly"
+    return Finding("shift", text, how)
+
+
+def _others(code: Code, y: np.ndarray, match: Match, mirrored: tuple[int, int] | None, certain: bool) -> list[Finding]:
     """Masks that y does not follow: those that it does, or why there may be none."""
     found = search(code, y)
-    if found is not None:
+    if found is not None and _are_right(Code(found.arranged(code.sums), code.good).match(y)):
+        if found.name == "as they are" and found.shift == mirrored:
+            return [_other_way(found.shift)]
         moved = "" if found.shift == (0, 0) else ", moved by ({}, {}) pixels".format(*found.shift)
         text = f"y does not follow the masks, but it follows them {found.name}{moved}"
         how = "give the masks so" + (", and 1 - masks" if found.inverted else "")
@@ -80,7 +107,8 @@ def _others(code: Code, y: np.ndarray, match: Match, certain: bool) -> list[Find
         text = "y has less fine detail than such masks leave"
         return [Finding("no code", text, "it seems to be divided by the sum of masks or averaged; give it as recorded")]
     text = f"y does not follow the masks ({match.follows:.2f} of its light does)"
-    hint = "they may be those of another setup, or y may be divided by their sum; check files, date and crop"
+    hint = "they may be those of another setup, or move another way, or y may be divided by their sum"
+    hint += "; check files, date and crop"
     return [Finding("no code", text, hint)]
 
 

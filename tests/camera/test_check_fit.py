@@ -148,6 +148,38 @@ def test_shifts_point_to_where_the_masks_belong(scene):
     assert "upside down, moved by" in check_fit(y, np.roll(masks[:, :, ::-1], 2, 2)).warnings[0]
 
 
+def along(path):
+    """Masks (1, B, 128, 128) of a random pattern, cut at the places of a path (B, 2)."""
+    pattern = np.random.default_rng(0).random((160, 160)) < 0.5
+    return np.stack([pattern[top : top + 128, left : left + 128] for top, left in path])[None]
+
+
+@pytest.mark.parametrize("step", [(1, 0), (0, -2), (1, 1), (0, 1)])
+def test_masks_that_move_the_other_way_are_told_from_moved_ones(scene, step):
+    """The sum of such masks is a moved sum of the right ones, but their frames run backwards."""
+    path = 16 + np.arange(8)[:, None] * step
+    right, wrong = along(path), along(32 - path)
+    fit = check_fit(simulate(made(right, scene), right, 0.005), wrong)
+    (finding,) = fit.findings
+    assert (finding.kind, finding.text[:30]) == ("shift", "masks that move the other way ")
+    shift = tuple(-7 * np.array(step))
+    mended = np.roll(wrong, shift, (2, 3))[:, ::-1]
+    assert np.mean(mended[..., 16:-16, 16:-16] == right[..., 16:-16, 16:-16]) == 1
+    assert "({}, {})".format(*shift) in finding.text
+
+
+@pytest.mark.parametrize("views", [1, 2])
+def test_a_path_that_meets_the_right_one_in_one_frame_is_no_shift(scene, views):
+    """Bug: the masks were to be moved to where one frame fits."""
+    steps = np.arange(8)
+    right, wrong = along(np.stack([steps, steps], 1)), along(np.stack([steps, 7 - steps], 1))
+    if views == 2:
+        right, wrong = (np.concatenate([masks, masks[..., ::-1, ::-1]]) for masks in (right, wrong))
+    fit = check_fit(simulate(made(right, scene), right), wrong)
+    assert [f.kind for f in fit.findings] == ["no code"]
+    assert fit.shift is None
+
+
 @pytest.mark.parametrize("noise", [0, 0.03])
 def test_a_measurement_divided_by_the_sum_of_masks_is_noticed(scene, noise):
     total = scene.masks.sum((0, 1))
