@@ -10,11 +10,11 @@ import torch
 import torch.nn.functional as F
 
 from priors.kernels.average import FRACTION
+from priors.kernels.still import sureness
 from priors.motion.credit import credit
 from priors.motion.measure import TUNED, searched
 from priors.motion.pairs import adjacent, neighbouring, reverse, steady
-from priors.on_device.filters import box, gaussian
-from priors.on_device.still import sureness, tie
+from priors.on_device.filters import box, gaussian, tie
 from priors.on_device.warp import bicubic
 
 NEAR, WIDE = 3, 5  # pixels a side of the boxes over squared differences and over flow, each applied twice
