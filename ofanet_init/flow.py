@@ -1,8 +1,7 @@
-"""Optical flow between frames: a compact trainable network, and OpenCV's DIS with the same interface."""
+"""Optical flow between frames by a compact network, and warping along it."""
 
 from __future__ import annotations
 
-import numpy as np
 import torch
 from torch import nn
 from torch.nn import functional
@@ -61,19 +60,6 @@ class FlowNet(nn.Module):
         padding = (0, -width % COARSEST, 0, -height % COARSEST)
         pair = (functional.pad(frame, padding, "replicate") for frame in (first, second))
         return enlarged(self(*pair)[-1], 2)[:, :, :height, :width]
-
-
-class DISFlow(nn.Module):
-    """OpenCV's Dense Inverse Search (Kroeger et al. 2016) as a flow net without parameters, for comparisons."""
-
-    def flow(self, first: torch.Tensor, second: torch.Tensor) -> torch.Tensor:
-        """Flow (N, 2, H, W) from the first to the second frames (N, 1, H, W); not differentiable."""
-        import cv2
-
-        dis = cv2.DISOpticalFlow.create(cv2.DISOPTICAL_FLOW_PRESET_MEDIUM)
-        frames = [f.detach().float().clamp(0, 1).mul(255).byte().cpu().numpy()[:, 0] for f in (first, second)]
-        flows = np.stack([dis.calc(a, b, None) for a, b in zip(*frames)])  # type: ignore[call-overload]
-        return torch.from_numpy(flows).permute(0, 3, 1, 2).to(first.device)
 
 
 def enlarged(x: torch.Tensor, factor: int) -> torch.Tensor:

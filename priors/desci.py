@@ -20,6 +20,7 @@ from priors.kernels import lowrank as kernels
 from priors.kernels.similar import match
 from priors.motion.measure import TUNED as MOTION
 from priors.motion.measure import Motion, may_show_motion, measure
+from priors.motion.pairs import neighbouring
 from priors.tv import TUNED as TOTAL_VARIATION
 from priors.tv import TV
 
@@ -211,9 +212,7 @@ class Groups:
             self.seen = measure(view, self.reach, tolerance, MOTION.drift, 0.0, self.seen)
             flow, pairs, first = self.seen.flow, self.seen.pairs, self.seen.first
         else:
-            pairs = np.array([(b, n) for b in range(frames) for n in range(frames) if 0 < abs(b - n) <= self.reach])
-            pairs = pairs.reshape(-1, 2).astype(np.int64)
-            first = np.searchsorted(pairs[:, 0], np.arange(frames + 1)).astype(np.int64)
+            pairs, first = neighbouring(frames, self.reach)
             flow = np.zeros((len(pairs), (rows + 1) // 2, (columns + 1) // 2, 2), np.int16)
         reach, near = (min(radius, max(rows, columns)) for radius in (prior.reach, prior.near))
         match(view, prior.side, self.tops, self.lefts, flow, pairs, first, reach, near, self.found)

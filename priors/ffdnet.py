@@ -9,6 +9,7 @@ import numpy as np
 
 from pnp_sci._tuned import Tuned
 from pnp_sci._validate import whole
+from pnp_sci.plugins.combine import begun
 from pnp_sci.plugins.protocols import Prior, Session, Traits
 from priors.networks.image import ImageNet
 from priors.session import TUNED as SESSION
@@ -74,12 +75,9 @@ class FFDNet(Prior):
 
     def begin(self, shape: tuple[int, ...], dtype: np.dtype) -> Session:
         """A session with the network loaded."""
-        beside = TV(SESSION.beside, still=False).begin(shape, dtype)
-        return self._session(self.device, beside)
+        return self.begin_on(shape, dtype, None)
 
-    def begin_on(self, shape: tuple[int, ...], dtype: np.dtype, device: str) -> Session:
-        """The same on tensors."""
-        return self._session(device, TV(SESSION.beside, still=False).begin_on(shape, dtype, device))
-
-    def _session(self, device: str | None, beside: Session) -> Session:
-        return NetworkSession(ImageNet(self.weights, device), beside, TUNED.stronger, self.first)
+    def begin_on(self, shape: tuple[int, ...], dtype: np.dtype, device: str | None) -> Session:
+        """The same, on tensors if there is a device."""
+        beside = begun(TV(SESSION.beside, still=False), shape, dtype, device)
+        return NetworkSession(ImageNet(self.weights, device or self.device), beside, TUNED.stronger, self.first)

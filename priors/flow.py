@@ -10,9 +10,9 @@ import numpy as np
 
 from pnp_sci._tuned import Tuned
 from pnp_sci._validate import positive_number, true_or_false, whole
-from pnp_sci.plugins.on_host import OnHost
+from pnp_sci.plugins.combine import begun
 from pnp_sci.plugins.protocols import Prior, Session, Traits
-from priors.bm3d import BM3D, BM3DSession
+from priors.bm3d import BM3D
 from priors.kernels.still import TUNED as STILL
 from priors.motion.measure import TUNED as MOTION
 from priors.motion.measure import may_show_motion
@@ -116,19 +116,16 @@ class Flow(Prior):
 
     def begin(self, shape: tuple[int, ...], dtype: np.dtype) -> Session:
         """A session without motion; of BM3D for single frames, of total variation for small ones."""
-        if shape[1] == 1:
-            return BM3D().begin(shape, dtype)
-        if not may_show_motion(shape):
-            return TV(still=self.still).begin(shape, dtype)
-        return FlowSession(self, TV(TUNED.strength, time=0).begin(shape, dtype), BM3DSession())
+        return self.begin_on(shape, dtype, None)
 
-    def begin_on(self, shape: tuple[int, ...], dtype: np.dtype, device: str) -> Session | None:
-        """The same on tensors, but for BM3D, which runs on the CPU."""
+    def begin_on(self, shape: tuple[int, ...], dtype: np.dtype, device: str | None) -> Session:
+        """The same, on tensors if there is a device, but for BM3D, which runs on the CPU."""
+        if shape[1] > 1 and not may_show_motion(shape):
+            return begun(TV(still=self.still), shape, dtype, device)
+        patches = begun(BM3D(), shape, dtype, device)
         if shape[1] == 1:
-            return None
-        if not may_show_motion(shape):
-            return TV(still=self.still).begin_on(shape, dtype, device)
-        return FlowSession(self, TV(TUNED.strength, time=0).begin_on(shape, dtype, device), OnHost(BM3DSession()))
+            return patches
+        return FlowSession(self, begun(TV(TUNED.strength, time=0), shape, dtype, device), patches)
 
 
 class FlowSession(Session):

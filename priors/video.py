@@ -9,6 +9,7 @@ import numpy as np
 
 from pnp_sci._tuned import Tuned
 from pnp_sci._validate import whole
+from pnp_sci.plugins.combine import begun
 from pnp_sci.plugins.protocols import Prior, Session, Traits
 from priors.ffdnet import FFDNet
 from priors.motion.measure import may_show_motion
@@ -85,15 +86,12 @@ class Video(Prior):
 
     def begin(self, shape: tuple[int, ...], dtype: np.dtype) -> Session:
         """A session with the networks loaded, without motion."""
-        if not may_show_motion(shape):
-            return FFDNet(device=self.device, first=self.first).begin(shape, dtype)
-        return self._session(self.device, TV(SESSION.beside, time=0).begin(shape, dtype))
+        return self.begin_on(shape, dtype, None)
 
-    def begin_on(self, shape: tuple[int, ...], dtype: np.dtype, device: str) -> Session:
-        """The same on tensors."""
+    def begin_on(self, shape: tuple[int, ...], dtype: np.dtype, device: str | None) -> Session:
+        """The same, on tensors if there is a device."""
         if not may_show_motion(shape):
-            return FFDNet(device=device, first=self.first).begin_on(shape, dtype, device)
-        return self._session(device, TV(SESSION.beside, time=0).begin_on(shape, dtype, device))
-
-    def _session(self, device: str | None, beside: Session) -> Session:
-        return NetworkSession(VideoNet(self.weights, device, self.renew), beside, TUNED.stronger, self.first)
+            return begun(FFDNet(device=self.device, first=self.first), shape, dtype, device)
+        beside = begun(TV(SESSION.beside, time=0), shape, dtype, device)
+        net = VideoNet(self.weights, device or self.device, self.renew)
+        return NetworkSession(net, beside, TUNED.stronger, self.first)

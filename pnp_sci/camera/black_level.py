@@ -46,14 +46,13 @@ def _where_no_light_is(mean: np.ndarray, light: np.ndarray, weight: np.ndarray) 
     return float(level[0]), float(np.sqrt(error[0, 0]))
 
 
-def light_against_mean(model: LocalModel, fit: LocalFit) -> tuple[float, float]:
-    """The straight line of the light of blocks against the mean of y there: its value at 0, and its slope.
+def light_against_mean(model: LocalModel, fit: LocalFit) -> float:
+    """The slope of the straight line of the light of blocks against the mean of y there.
 
-    The slope is 1 if the masks have the right contrast, below 1 if they have too much.
+    It is 1 if the masks have the right contrast, below 1 if they have too much.
     """
-    mean, light, weight = _blocks(model.measurements, fit)
-    start, slope = straight_line(mean, light, weight)[0]
-    return float(start), float(slope)
+    (_, slope), _ = straight_line(*_blocks(model.measurements, fit))
+    return float(slope)
 
 
 def _blocks(measurements: np.ndarray, fit: LocalFit) -> tuple[np.ndarray, np.ndarray, np.ndarray]:

@@ -92,7 +92,7 @@ def calibrate(
     masks = (light / (one * gains[..., None, None])).astype(np.float32)
     piles = _piles(pictures, whites, darks[0], ~bad, full_scale)
     quality = measure_quality(masks, shading / one, pictures, black, bad, gains, piles)
-    return Calibration(masks, black.astype(np.float32), bad, crop, quality, size)
+    return Calibration(masks, black.astype(np.float32), bad, crop, size, quality)
 
 
 def average(pictures: np.ndarray) -> np.ndarray:

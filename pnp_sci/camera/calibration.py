@@ -12,6 +12,7 @@ from pnp_sci import io
 from pnp_sci._validate import real_array
 from pnp_sci.camera.quality import Quality
 from pnp_sci.errors import FormatError, InputError
+from pnp_sci.formats.arrays import load as arrays_of
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -32,18 +33,18 @@ class Calibration:
         Hot, noisy, dead and saturated pixels.
     crop : tuple of int
         (top, left, rows, columns) of the part of the raw pictures that all arrays cover.
+    size : tuple of int
+        Rows and columns of the raw pictures.
     quality : Quality or None
         None if it was read from a file.
-    size : tuple of int or None
-        Rows and columns of the raw pictures; None if an older file does not tell them.
     """
 
     masks: np.ndarray
     dark: np.ndarray
     bad: np.ndarray
     crop: tuple[int, int, int, int]
+    size: tuple[int, int]
     quality: Quality | None = None
-    size: tuple[int, int] | None = None
 
     def __str__(self) -> str:
         return str(self.quality) if self.quality else repr(self)
@@ -87,27 +88,27 @@ class Calibration:
 
     def save(self, path: str | Path) -> None:
         """Write NPZ, HDF5 or MAT, which ``read_masks`` and :meth:`load` read; the quality is not kept."""
-        size = {} if self.size is None else {"size": np.array([self.size])}
-        arrays = {"masks": self.masks, "dark": self.dark, "bad": self.bad, "crop": np.array([self.crop])}
-        io.write(path, arrays | size)
+        where = {"crop": np.array([self.crop]), "size": np.array([self.size])}
+        io.write(path, {"masks": self.masks, "dark": self.dark, "bad": self.bad} | where)
 
     @classmethod
     def load(cls, path: str | Path) -> Calibration:
         """Read what :meth:`save` wrote; raises FileNotFoundError or FormatError."""
-        masks = io.read_masks(path, key="masks")
-        dark, bad, crop = (io.read(path, key) for key in ("dark", "bad", "crop"))
-        if not (dark.shape == bad.shape == masks.shape[2:] and crop.size == 4):
+        masks, arrays = io.read_masks(path, key="masks"), arrays_of(Path(path))
+        try:
+            dark, bad, crop, size = (arrays[name] for name in ("dark", "bad", "crop", "size"))
+        except KeyError as missing:
+            raise FormatError(f"{path} holds no calibration: {missing} is missing") from None
+        if not (dark.shape == bad.shape == masks.shape[2:] and crop.size == 4 and size.size == 2):
             raise FormatError(f"{path}: masks {masks.shape}, dark {dark.shape} and bad {bad.shape} do not fit together")
-        top, left, rows, columns = map(int, crop.ravel())
-        known = "size" in {entry.key for entry in io.describe(path)}
-        height, width = map(int, io.read(path, "size").ravel()) if known else (0, 0)
-        return cls(masks, dark, bad.astype(bool), (top, left, rows, columns), size=(height, width) if known else None)
+        top, left, rows, columns, height, width = map(int, (*crop.flat, *size.flat))
+        return cls(masks, dark, bad.astype(bool), (top, left, rows, columns), (height, width))
 
 
-def cut(name: str, pictures: np.ndarray, crop: tuple[int, ...], size: tuple[int, int] | None) -> np.ndarray:
-    """The `crop` of pictures (..., H0, W0) whose `size` is (H0, W0), where that is known; errors give `name`."""
+def cut(name: str, pictures: np.ndarray, crop: tuple[int, ...], size: tuple[int, int]) -> np.ndarray:
+    """The `crop` of pictures (..., H0, W0) whose `size` is (H0, W0); errors give `name`."""
     top, left, rows, columns = crop
-    if size is not None and pictures.shape[-2:] != size:
+    if pictures.shape[-2:] != size:
         have, want = (" x ".join(map(str, sides)) for sides in (pictures.shape[-2:], size))
         raise InputError(f"{name} is of {have} pixels, but patterns of {want}: the same pixels were expected")
     if pictures.shape[-2] < top + rows or pictures.shape[-1] < left + columns:

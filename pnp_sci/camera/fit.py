@@ -31,7 +31,7 @@ class Finding:
         return f"{self.text}: {self.hint}"
 
 
-@dataclass(frozen=True, eq=False)
+@dataclass(frozen=True, eq=False, kw_only=True)
 class Fit:
     """How a measurement and its masks fit, from :func:`pnp_sci.check_fit`; ``str()`` of it is a report.
 
@@ -62,9 +62,9 @@ class Fit:
         "forward", "reversed" or "unknown"; "not checked" unless asked for.
     """
 
-    follows: float | None
-    error: float | None
-    share: float
+    follows: float | None = None
+    error: float | None = None
+    share: float = 0.0
     hot: np.ndarray
     dead: np.ndarray
     stuck: np.ndarray

@@ -11,6 +11,7 @@ import numpy as np
 
 from pnp_sci import io
 from pnp_sci.camera.warp import Transform, known, warped
+from pnp_sci.formats.arrays import CONTAINERS
 from pnp_sci.formats.plain import finite
 
 
@@ -31,8 +32,6 @@ class Registration:
         not tell it.
     black_error : float
         Its standard error; infinite if y does not tell it.
-    gain : float
-        1: a gain changes the unit of the video alone, and y does not tell it.
     interpolation : "linear" or "cubic"
         Which explains y better: see :func:`pnp_sci.register`.
     before, after : float
@@ -50,7 +49,6 @@ class Registration:
     before: float
     after: float
     trusted: bool
-    gain: float = 1.0
 
     @property
     def identity(self) -> bool:
@@ -87,7 +85,7 @@ class Registration:
 
     def describe(self) -> dict[str, Any]:
         """The registration as JSON can hold it."""
-        names = ("black_level", "black_error", "gain", "interpolation", "before", "after", "trusted")
+        names = ("black_level", "black_error", "interpolation", "before", "after", "trusted")
         fields: dict[str, Any] = {name: getattr(self, name) for name in names}
         fields["transforms"] = [asdict(transform) for transform in self.transforms]
         return finite(fields | {"errors": [asdict(error) for error in self.errors]})
@@ -97,8 +95,7 @@ class Registration:
         the masks alone."""
         rows = [[t.rows, t.columns, t.rotation, t.scale, t.blur] for t in self.transforms]
         arrays = {"masks": self.masks, "transforms": np.array(rows), "black_level": np.array([[self.black_level]])}
-        several = Path(path).suffix.lower() in {".npz", ".h5", ".hdf5", ".mat"}
-        io.write(path, arrays if several else self.masks)
+        io.write(path, arrays if Path(path).suffix.lower() in CONTAINERS else self.masks)
 
     def __repr__(self) -> str:
         return f"Registration({self.in_words()})"

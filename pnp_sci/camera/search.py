@@ -74,7 +74,7 @@ def trusted(found: Refined) -> bool:
     """
     told = found.model.tells_light
     least = max(BY_CHANCE * found.fit.share_by_chance, 0 if told else ENOUGH)
-    if found.fit.share <= least or (told and light_against_mean(found.model, found.fit)[1] <= 0):
+    if found.fit.share <= least or (told and light_against_mean(found.model, found.fit) <= 0):
         return False
     mirrors = MIRRORS[: 4 if found.model.shape[2] == found.model.shape[3] else 3]
     others = (found.model.mirrored(mirror).fit(found.transforms, found.fit.usable).share for mirror in mirrors)
@@ -110,7 +110,7 @@ def _is_blurred(found: Refined) -> bool:
     if found.transforms[0].blur <= max(NO_BLUR, CHANCE * found.errors[0, 4]) or not found.model.tells_light:
         return False
     fits = found.fit, found.model.fit(_sharp(found.transforms), found.fit.usable)
-    soft, sharp = (abs(light_against_mean(found.model, fit)[1] - 1) for fit in fits)
+    soft, sharp = (abs(light_against_mean(found.model, fit) - 1) for fit in fits)
     return soft < sharp
 
 

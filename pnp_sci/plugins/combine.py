@@ -113,10 +113,10 @@ class Joint(Prior):
 
     def begin(self, shape: tuple[int, ...], dtype: np.dtype) -> Session:
         """A session of each member."""
-        return _JointSession([begun(member, shape, dtype) for member in self.members], self.shares)
+        return self.begin_on(shape, dtype, None)
 
-    def begin_on(self, shape: tuple[int, ...], dtype: np.dtype, device: str) -> Session:
-        """A session of each member, on tensors where it can."""
+    def begin_on(self, shape: tuple[int, ...], dtype: np.dtype, device: str | None) -> Session:
+        """A session of each member; if there is a device, on tensors."""
         return _JointSession([begun(member, shape, dtype, device) for member in self.members], self.shares)
 
 
@@ -203,10 +203,10 @@ class Stages(Prior):
 
     def begin(self, shape: tuple[int, ...], dtype: np.dtype) -> InTurn:
         """A session of each stage, in turn."""
-        return InTurn(turns(self, shape), shape, dtype)
+        return self.begin_on(shape, dtype, None)
 
-    def begin_on(self, shape: tuple[int, ...], dtype: np.dtype, device: str) -> InTurn:
-        """A session of each stage, in turn, on tensors where it can."""
+    def begin_on(self, shape: tuple[int, ...], dtype: np.dtype, device: str | None) -> InTurn:
+        """A session of each stage, in turn; if there is a device, on tensors."""
         return InTurn(turns(self, shape), shape, dtype, device)
 
 

@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 
 from pnp_sci.errors import InputError
-from pnp_sci.plugins.protocols import Prior, Session, Traits
+from pnp_sci.plugins.protocols import Prior, Session
 
 
 @dataclass(frozen=True)
@@ -28,10 +28,6 @@ class TorchPrior(Prior):
 
     module: Any
     device: str | None = None
-
-    def traits(self, shape: tuple[int, ...]) -> Traits:
-        """Nothing is known of the module: it counts as a plain prior."""
-        return Traits()
 
     def begin(self, shape: tuple[int, ...], dtype: np.dtype) -> Session:
         """A session with a copy of the module."""

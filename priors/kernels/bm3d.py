@@ -9,6 +9,7 @@ import numpy as np
 
 from pnp_sci.accel.jit import kernel, loop, summing
 from pnp_sci.accel.simd8 import add_row, copy_row, transpose
+from priors.kernels.patches import keep, spread
 
 SIDE = 8  # pixels per side of a patch, and patches per group
 SQUARE, CUBE = SIDE**2, SIDE**3  # values of a patch and of a group
@@ -47,16 +48,6 @@ def _of_four(above, below, patches):
         patches[c] = above[c] + above[c + 1] + below[c] + below[c + 1]
 
 
-@loop
-def _keep(distance, place, distances, places):
-    """Insert a place into the SIDE nearest ones, sorted by distance."""
-    k = SIDE - 1
-    while k > 0 and distances[k - 1] > distance:
-        distances[k], places[k] = distances[k - 1], places[k - 1]
-        k -= 1
-    distances[k], places[k] = distance, place
-
-
 @kernel
 def match(frames, found):
     """found[n, r, c] <- the SIDE patches most similar to that at row STEP r, column STEP c of frame n, nearest first.
@@ -71,7 +62,6 @@ def match(frames, found):
         n, first = job // bands, job % bands * BAND
         frame, here = frames[n], min(BAND, tops - first)
         distances = np.full((here, lefts, SIDE), np.inf, frames.dtype)
-        distances[..., 0] = -1  # the reference patch stays first
         for r in range(here):
             for c in range(lefts):
                 found[n, first + r, c] = STEP * ((first + r) * columns + c)
@@ -92,7 +82,7 @@ def match(frames, found):
                     for c in range(lefts):
                         if patches[c] < distances[r, c, SIDE - 1]:
                             place = found[n, first + r, c, 0] + down * columns + shift
-                            _keep(patches[c], place, distances[r, c], found[n, first + r, c])
+                            keep(patches[c], place, distances[r, c], found[n, first + r, c])
 
 
 @loop
@@ -222,7 +212,7 @@ def _shrink(cube, signal, variance):
 def _scatter(cube, window, weight, places, columns, begin, total, weights):
     """Add the patches of a cube times weight and window to `total`, and the weight to `weights` at their places.
 
-    total and weights begin at pixel `begin`. The cube is overwritten. :func:`_spread` applies the window to weights.
+    total and weights begin at pixel `begin`. The cube is overwritten. `spread` applies the window to weights.
     """
     for k in range(SIDE):
         for x in range(SQUARE):
@@ -230,27 +220,6 @@ def _scatter(cube, window, weight, places, columns, begin, total, weights):
         for i in range(SIDE):
             add_row(cube, SQUARE * k + SIDE * i, total, places[k] + i * columns - begin)
         weights[places[k] - begin] += weight
-
-
-@loop
-def _add_times(factor, v, out):
-    """out += factor * v."""
-    for x in range(out.size):
-        out[x] += factor * v[x]
-
-
-@loop
-def _spread(weights, out):
-    """out (H, W) <- sum of the windows of all patches, times the weight (H, W) at the first pixel of each patch."""
-    rows, columns = weights.shape
-    out[:] = 0
-    along = np.zeros(columns, weights.dtype)
-    for r in range(rows - SIDE + 1):
-        along[:] = 0
-        for j in range(SIDE):
-            _add_times(EDGE[j], weights[r, : columns - SIDE + 1], along[j : columns - SIDE + 1 + j])
-        for i in range(SIDE):
-            _add_times(EDGE[i], along, out[r + i])
 
 
 @kernel
@@ -292,7 +261,7 @@ def collaborate(frames, pilot, level, threshold, found, out):
             sums[begin : begin + height] += total[job].reshape(height, columns)
             counts[begin : begin + height] += weights[job].reshape(height, columns)
         shares = np.empty((rows, columns), frames.dtype)
-        _spread(counts, shares)
+        spread(counts, EDGE, shares)
         out[n] = sums / shares
 
 

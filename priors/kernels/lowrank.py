@@ -10,6 +10,7 @@ import numpy as np
 from pnp_sci.accel.jit import kernel, loop
 from pnp_sci.accel.simd8 import add_row, copy_row
 from priors.kernels.matrices import SMALL, add_times, eigen, gram_of, inverse, times
+from priors.kernels.patches import spread
 
 FAST = 8  # pixels per side of a patch for which there are SIMD intrinsics
 
@@ -134,18 +135,6 @@ def _of_frame(view, pilot, weight, rounds, side, edge, found, begin, total, weig
 
 
 @loop
-def _spread(weights, edge):
-    """Sum of the windows of all patches, times the weight (H, W) at the first pixel of each patch."""
-    rows, columns = weights.shape
-    along, out = np.zeros_like(weights), np.zeros_like(weights)
-    for d in range(edge.size):
-        along[:, d:] += edge[d] * weights[:, : columns - d]
-    for d in range(edge.size):
-        out[d:] += edge[d] * along[: rows - d]
-    return out
-
-
-@loop
 def _add(n, begins, total, weights, out, counts):
     """out, counts (H, W) of frame n += the sums of some frames, of which each begins with another frame."""
     for b in range(begins.size):
@@ -181,4 +170,6 @@ def collaborate(view, pilot, weight, rounds, side, edge, found, reach, threads, 
         for n in numba.prange(frames):
             _add(n, now, total, weights, out[n], counts[n])
     for n in numba.prange(frames):
-        out[n] /= _spread(counts[n], edge)
+        shares = np.empty_like(counts[n])
+        spread(counts[n], edge, shares)
+        out[n] /= shares

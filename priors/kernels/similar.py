@@ -8,6 +8,7 @@ import numpy as np
 
 from pnp_sci.accel.jit import kernel, loop, summing
 from priors.kernels.average import FRACTION
+from priors.kernels.patches import keep
 
 FAST = 8  # pixels per side of a patch for which LLVM unrolls
 
@@ -21,16 +22,6 @@ def _distance(pixels, p, q, columns, side):
             d = pixels[p + i * columns + j] - pixels[q + i * columns + j]
             total += d * d
     return total
-
-
-@loop
-def _keep(distance, place, distances, places):
-    """Insert a place into the nearest ones, sorted by distance; the first stays."""
-    k = places.size - 1
-    while k > 1 and distances[k - 1] > distance:
-        distances[k], places[k] = distances[k - 1], places[k - 1]
-        k -= 1
-    distances[k], places[k] = distance, place
 
 
 @loop
@@ -49,7 +40,7 @@ def _search(view, side, frame, row, column, reach, places, distances):
             else:
                 distance = _distance(pixels, places[0], place, columns, side)
             if distance < distances[last]:
-                _keep(distance, place, distances, places)
+                keep(distance, place, distances, places)
 
 
 @kernel

@@ -6,6 +6,7 @@ import numba
 import numpy as np
 
 from pnp_sci._tuned import Tuned
+from pnp_sci.accel.arrays import library
 from pnp_sci.accel.jit import kernel
 
 DARKEST = 1e-6  # lower bound of the factor on the limit, so that it stays above 0
@@ -24,14 +25,14 @@ TUNED = StillNumbers()
 
 
 def sureness(change, brightness, rest):
-    """Probability that pixels are constant in time, (H, W), 0 to 1: ``exp(-change / r^2)``.
+    """Probability that pixels are constant in time, 0 to 1: ``exp(-change / r^2)``, of arrays or of tensors.
 
-    change: squared change along time; brightness: mean along time, both (H, W). The limit r is `rest` (> 0) for bright
-    pixels. For dark ones it is proportional to their mean, with a lower bound.
+    change: squared change along time; brightness: mean along time. The limit r is `rest` (> 0) for bright pixels. For
+    dark ones it is proportional to their mean, with a lower bound.
     """
-    r = rest * np.clip(brightness / TUNED.bright, DARKEST, 1)
+    r = rest * (brightness / TUNED.bright).clip(DARKEST, 1)
     with np.errstate(under="ignore"):  # pixels that move
-        return np.exp(-change / r**2)
+        return library(change).exp(-change / r**2)
 
 
 @kernel

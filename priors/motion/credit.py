@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -22,16 +21,6 @@ class CreditNumbers(Tuned):
 TUNED = CreditNumbers()
 
 
-def adjacent(pairs: Sequence[tuple[int, int]]) -> list[list[int]]:
-    """For each pair (b, n) the places of (b, b - 1) and of (b, b + 1); of the first and last frame the one that exists.
-
-    >>> adjacent([(0, 1), (1, 0), (1, 2), (2, 1)])
-    [[0, 1, 1, 3], [0, 2, 2, 3]]
-    """
-    place = {pair: p for p, pair in enumerate(pairs)}
-    return [[place.get((b, b + d), place.get((b, b - d), -1)) for b, _ in pairs] for d in (-1, 1)]
-
-
 def credit(mean: Any, beside: list[list[int]], close: float) -> Any:
     """How much each pair counts, (..., P), 0 to 1: ``exp(-doubt e)``.
 
@@ -41,7 +30,7 @@ def credit(mean: Any, beside: list[list[int]], close: float) -> Any:
     What leaves the frame counts too: in a pan distant pairs lose some of their credit.
 
     >>> import numpy as np
-    >>> credit(np.array([0.1, 0.5]), adjacent([(0, 1), (0, 2)]), close=1.0).round(2).tolist()
+    >>> credit(np.array([0.1, 0.5]), [[0, 0], [0, 0]], close=1.0).round(2).tolist()
     [1.0, 0.82]
     """
     excess = (mean - (mean[..., beside[0]] + mean[..., beside[1]]) / 2) / close / close  # close^2 may be 0 or infinite

@@ -15,7 +15,8 @@ from pnp_sci.accel.threads import Pool
 from priors.kernels import average as averages
 from priors.kernels import match as matches
 from priors.kernels.still import HARDLY, mean_and_variance, sureness, tie
-from priors.motion.credit import adjacent, credit
+from priors.motion.credit import credit
+from priors.motion.pairs import adjacent, neighbouring, reverse, steady
 
 SMALLEST = 32  # pixels: smallest height and width for optical flow
 
@@ -127,24 +128,22 @@ def measure(
     import cv2
 
     frames, height, width = view.shape
-    near = [(b, n) for b in range(frames) for n in range(frames) if 0 < abs(b - n) <= neighbours]
-    pairs = np.array(near, np.int64)
+    pairs, first = neighbouring(frames, neighbours)
     if before is not None and len(before.pairs) != len(pairs):
         before = None
-    first = np.searchsorted(pairs[:, 0], np.arange(frames + 1)).astype(np.int64)
     small = np.stack([cv2.resize(f, ((width + 1) // 2, (height + 1) // 2), interpolation=cv2.INTER_AREA) for f in view])
     close = view.dtype.type(TUNED.halved * tolerance)
 
     start = None if before is None else _rescaled(before.flow, (height, width), small.shape[1:])
     flow = searched(view, pairs, start)
-    distance = _chosen(small, near, neighbours, close, flow)
+    distance = _chosen(small, pairs, close, flow)
     trust, weights = np.empty(distance.shape, np.uint8), np.empty(distance.shape, np.uint8)
-    place, beside = {pair: p for p, pair in enumerate(near)}, adjacent(near)
+    beside = adjacent(pairs)
 
     def weigh() -> None:
         matches.weigh(distance, trust, credit(distance.mean((1, 2)), beside, close), close, weights)
 
-    matches.consistency(flow, pairs, np.array([place[n, b] for b, n in near]), drift / 2, trust)
+    matches.consistency(flow, pairs, np.array(reverse(pairs)), drift / 2, trust)
     weigh()
     pilot = np.empty_like(small)  # averaged frames have less noise, so their differences are more reliable
     of_blocks = np.ascontiguousarray(flow[:, ::2, ::2])  # one vector for 2 x 2 pixels
@@ -182,24 +181,17 @@ def searched(view: np.ndarray, pairs: np.ndarray, start: np.ndarray | None) -> n
     return flow
 
 
-def _chosen(
-    small: np.ndarray, near: list[tuple[int, int]], neighbours: int, close: np.floating, flow: np.ndarray
-) -> np.ndarray:
-    """Replace the flow of each pair in `near` by better candidates, in place; return the squared differences (P, h, w).
+def _chosen(small: np.ndarray, pairs: np.ndarray, close: np.floating, flow: np.ndarray) -> np.ndarray:
+    """Replace the flow of each pair by better candidates, in place; return the squared differences (P, h, w).
 
     The candidates of a pixel are the flow of a steady motion and the smoothed flow. The steady flow is that of the
     opposite neighbour or of the farthest one on the same side, scaled. The smoothed flow weighs pixels by how well
     frames of `small` match, in units of `close`; it is chosen even if it matches slightly worse.
     """
-    last, place = len(small) - 1, {pair: p for p, pair in enumerate(near)}
-    opposite = [place.get((b, 2 * b - n), p) for p, (b, n) in enumerate(near)]
-    farthest = [place[b, min(b + neighbours, last) if n > b else max(b - neighbours, 0)] for b, n in near]
-    pairs, candidate = np.array(near, np.int64), np.empty_like(flow)
-    distance = np.empty(flow.shape[:3], small.dtype)
+    candidate, distance = np.empty_like(flow), np.empty(flow.shape[:3], small.dtype)
     matches.differ(small, flow, pairs, distance)
-    steps = pairs[:, 1] - pairs[:, 0]
-    for source in (opposite, farthest):
-        matches.steady(flow, np.array(source), (steps / steps[source]).astype(np.float32), candidate)
+    for source, factors in steady(pairs):
+        matches.steady(flow, np.array(source), factors.astype(np.float32), candidate)
         matches.choose(small, candidate, small.dtype.type(1), pairs, flow, distance)
     matches.smooth(flow, distance, close, candidate)
     matches.choose(small, candidate, small.dtype.type(TUNED.smooth), pairs, flow, distance)

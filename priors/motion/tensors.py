@@ -10,10 +10,11 @@ import torch
 import torch.nn.functional as F
 
 from priors.kernels.average import FRACTION
-from priors.motion.credit import adjacent, credit
+from priors.kernels.still import sureness
+from priors.motion.credit import credit
 from priors.motion.measure import TUNED, searched
-from priors.on_device.filters import box, gaussian
-from priors.on_device.still import sureness, tie
+from priors.motion.pairs import adjacent, neighbouring, reverse, steady
+from priors.on_device.filters import box, gaussian, tie
 from priors.on_device.warp import bicubic
 
 NEAR, WIDE = 3, 5  # pixels a side of the boxes over squared differences and over flow, each applied twice
@@ -21,31 +22,24 @@ LEAST = 1e-6  # total weight that is not divided by
 
 
 class Pairs:
-    """Frames (b, n) of a video and their places: those of one distance n - b follow each other."""
+    """Pairs (b, n) of frames of a video, and those related; pairs of one distance n - b follow each other."""
 
     def __init__(self, frames: int, neighbours: int):
-        most = min(neighbours, frames - 1)
-        self.steps = [d for d in range(-most, most + 1) if d]
-        self.pairs = [(b, b + d) for d in self.steps for b in range(max(0, -d), frames - max(0, d))]
-        place = {pair: p for p, pair in enumerate(self.pairs)}
-        last = frames - 1
-        self.reverse = [place[n, b] for b, n in self.pairs]
-        self.adjacent = adjacent(self.pairs)
-        opposite = [place.get((b, 2 * b - n), p) for p, (b, n) in enumerate(self.pairs)]
-        farthest = [place[b, min(b + most, last) if n > b else max(b - most, 0)] for b, n in self.pairs]
-        distance = np.array([n - b for b, n in self.pairs])
-        self.steady = [(source, distance / distance[source]) for source in (opposite, farthest)]
-        self.far = [p for p, d in enumerate(distance) if abs(d) == most]
+        found, _ = neighbouring(frames, neighbours)
+        self.pairs = pairs = found[np.argsort(found[:, 1] - found[:, 0], kind="stable")]
+        self.steps = pairs[:, 1] - pairs[:, 0]
+        self.reverse, self.adjacent, self.steady = reverse(pairs), adjacent(pairs), steady(pairs)
+        self.most = int(self.steps.max())
+        self.far = np.flatnonzero(np.abs(self.steps) == self.most)
 
     def slices(self) -> list[tuple[slice, slice, slice]]:
         """For each distance, the places of its pairs, of frames b and of frames n."""
-        found, at = [], 0
-        for d in self.steps:
-            of = [pair for pair in self.pairs if pair[1] - pair[0] == d]
-            b, n = of[0]
-            found.append((slice(at, at + len(of)), slice(b, b + len(of)), slice(n, n + len(of))))
-            at += len(of)
-        return found
+        places = [np.flatnonzero(self.steps == d) for d in np.unique(self.steps)]
+        return [(_span(p), _span(self.pairs[p, 0]), _span(self.pairs[p, 1])) for p in places]
+
+
+def _span(successive: np.ndarray) -> slice:
+    return slice(int(successive[0]), int(successive[-1]) + 1)
 
 
 class OfTensors:
@@ -63,7 +57,7 @@ class OfTensors:
     def remaining(self) -> torch.Tensor:
         """Factor of the averages on the standard deviation of white noise (V, B, H, W)."""
         shape = self.weights.shape
-        frames = self.pairs.pairs[-1][1] + 1
+        frames = int(self.pairs.pairs.max()) + 1
         total = self.weights.new_ones((shape[0], frames, *shape[2:]))
         squares = total.clone()
         for p, b, _ in self.pairs.slices():
@@ -122,11 +116,10 @@ def measured(
 
 def _searched(x: torch.Tensor, pairs: Pairs, begin: torch.Tensor | None) -> torch.Tensor:
     """Flow (V, P, 2, h, w) of each pair of frames of x (V, B, H, W) at half size, by OpenCV on the CPU."""
-    given = np.array(pairs.pairs, np.int64)
     starts = (
         [None] * len(x) if begin is None else (FRACTION * begin).movedim(2, -1).float().contiguous().numpy(force=True)
     )
-    found = np.stack([searched(view, given, start) for view, start in zip(x.numpy(force=True), starts)])
+    found = np.stack([searched(view, pairs.pairs, start) for view, start in zip(x.numpy(force=True), starts)])
     return torch.from_numpy(found).to(x).movedim(-1, 2) / FRACTION
 
 
@@ -181,7 +174,7 @@ def _at_rest(pilot: torch.Tensor, pairs: Pairs, distance: torch.Tensor, rest: fl
     """Probability that each pixel of `pilot` (V, B, h, w) is constant in time, (V, 1, h, w)."""
     if rest == 0:
         return torch.zeros_like(pilot[:, :1])
-    far = max(pairs.steps)
+    far = pairs.most
     apart = gaussian((pilot[:, far:] - pilot[:, :-far]).square().mean(1, keepdim=True), 1.2)
     gained = gaussian(apart - distance[:, pairs.far].mean(1, keepdim=True), 1.0)
     brightness = gaussian(pilot.mean(1, keepdim=True), 1.5)

@@ -1,10 +1,12 @@
-"""Filters of pictures, tensors (..., H, W), whose edges are replicated."""
+"""Filters of pictures, tensors (..., H, W), whose edges are replicated, and of still pixels along time."""
 
 from __future__ import annotations
 
 import numpy as np
 import torch
 import torch.nn.functional as F
+
+from priors.kernels.still import HARDLY
 
 
 def box(pictures: torch.Tensor, side: int, times: int = 1) -> torch.Tensor:
@@ -36,3 +38,9 @@ def gaussian(pictures: torch.Tensor, width: float) -> torch.Tensor:
             total.add_(pictures.index_select(axis, (places + shift).clamp(0, size - 1)), alpha=float(weight))
         pictures = total
     return pictures
+
+
+def tie(x: torch.Tensor, still: torch.Tensor, out: torch.Tensor) -> torch.Tensor:
+    """``out + still (mean over frames of x - out)`` for x and out (V, B, H, W) and still (V, 1, H, W)."""
+    counts = torch.where(still.amax(-1, keepdim=True) < HARDLY, 0, still)
+    return out + counts * (x.mean(1, keepdim=True) - out)

@@ -11,8 +11,8 @@ import torch
 from pnp_sci.plugins.protocols import Session
 from priors.kernels.dual import ALL, NOTHING, STEP
 from priors.kernels.still import TUNED as STILL
-from priors.on_device.filters import box, gaussian
-from priors.on_device.still import sureness, tie
+from priors.kernels.still import sureness
+from priors.on_device.filters import box, gaussian, tie
 
 AXES = (-2, -1, -3)  # rows, columns, time
 

@@ -6,16 +6,11 @@ import torch
 import torch.nn.functional as F
 
 
-def bilinear(frames: torch.Tensor, flow: torch.Tensor) -> torch.Tensor:
-    """Frames (N, H, W) at each pixel displaced by flow (N, 2, H, W), columns and rows; edges are replicated."""
-    return _sampled(frames, *_places(flow), "bilinear")
-
-
 def bicubic(frames: torch.Tensor, flow: torch.Tensor) -> torch.Tensor:
-    """As :func:`bilinear`, with the Catmull-Rom kernel.
+    """Frames (N, H, W) at each pixel displaced by flow (N, 2, H, W), columns and rows; edges are replicated.
 
-    Cubic convolution is linear in its parameter A. That of Catmull and Rom, A = -1/2, is two thirds of torch's, A =
-    -3/4, and a third of A = 0, which is a linear interpolation with the fraction ``3 t^2 - 2 t^3``.
+    The kernel is that of Catmull and Rom. Cubic convolution is linear in its parameter A: theirs, A = -1/2, is two
+    thirds of torch's, A = -3/4, and a third of A = 0. The latter is linear interpolation with ``3 t^2 - 2 t^3``.
 
     >>> ramp = torch.arange(8.0).expand(1, 8, 8)
     >>> round(float(bicubic(ramp, torch.full((1, 2, 8, 8), 0.25))[0, 3, 3]), 5)

@@ -7,7 +7,7 @@ from click.testing import CliRunner
 import pnp_sci
 from pnp_sci import Calibration, calibrate, io
 from pnp_sci.cli.main import main
-from pnp_sci.errors import InputError
+from pnp_sci.errors import FormatError, InputError
 
 V, B, N, SIDE = 2, 6, 5, 64
 RNG = np.random.default_rng(0)
@@ -158,9 +158,6 @@ def test_pictures_of_another_size_are_refused(crop, tmp_path):
     for calibration in (made, Calibration.load(tmp_path / "c.mat")):
         with pytest.raises(InputError, match="raw is of 80 x 80 pixels, but patterns of 64 x 64"):
             calibration.correct(larger)
-    kept = io.read(tmp_path / "c.mat", "masks"), made.dark, made.bad, np.array([made.crop])
-    io.write(tmp_path / "older.npz", dict(zip(("masks", "dark", "bad", "crop"), kept)))
-    assert Calibration.load(tmp_path / "older.npz").correct(larger).shape == (N, *made.dark.shape)
 
 
 def test_bad_pixels_of_the_whole_sensor_go_with_a_cropped_calibration(tmp_path, monkeypatch):
@@ -210,7 +207,14 @@ def test_it_is_kept(tmp_path, suffix):
     back = Calibration.load(tmp_path / f"c{suffix}")
     for name in ("masks", "dark", "bad"):
         np.testing.assert_array_equal(getattr(back, name), getattr(made, name))
-    assert back.crop == made.crop
+    assert (back.crop, back.size) == (made.crop, made.size) == ((4, 6, 32, 40), (SIDE, SIDE))
+
+
+def test_what_a_file_lacks_is_named(tmp_path):
+    made = calibrate(*pictures())
+    io.write(tmp_path / "c.npz", {"masks": made.masks, "dark": made.dark, "bad": made.bad, "crop": np.array(made.crop)})
+    with pytest.raises(FormatError, match=r"c\.npz holds no calibration: 'size' is missing"):
+        Calibration.load(tmp_path / "c.npz")
 
 
 def test_command(tmp_path, monkeypatch):

@@ -54,6 +54,23 @@ def test_whatever_the_type_of_the_masks_and_bad_pixels():
         assert [finding.kind for finding in fit.findings if finding.kind == "missing"] == kinds
 
 
+def test_bad_pixels_are_not_looked_at():
+    """Here they are mostly those that one more mask would leave dark, and 0."""
+    masks = pnp_sci.moving_masks((1, 9, SIDE, SIDE), step=(1, -1))
+    y = pnp_sci.simulate(scene_of(8, 1), masks[:, :-1])
+    bad = (masks[0, -1] == 0) & (np.random.default_rng(0).random(y.shape) < 0.6)
+    fit = pnp_sci.check_fit(y, masks[:, :-1], bad=bad)
+    assert [finding.kind for finding in fit.findings if finding.kind == "missing"] == []
+
+
+def test_sides_that_the_known_masks_do_not_cover_are_not_looked_at():
+    """Nearly all light is there, and the step does not tell what the missing mask has there."""
+    truth = scene_of(4, 1)
+    truth[..., 12:] /= 20
+    masks = pnp_sci.moving_masks(truth.shape, step=(0, 12), seed=0)
+    assert told(pnp_sci.simulate(truth, masks), masks[:, :-1]) == ["y follows one more mask, after the last one"]
+
+
 @pytest.mark.parametrize("step", [(1, -1), (0, 2)])
 def test_masks_that_are_off_by_a_step_are_all_there(step):
     masks, y = measured(1, 8, step)

@@ -4,9 +4,9 @@ from itertools import combinations, permutations
 
 import numpy as np
 import pytest
-from operators_and_priors import CLASSICAL, PRIORS, by_name, learned
+from operators_and_priors import CLASSICAL, PRIORS, learned
 
-from pnp_sci import denoise
+from pnp_sci import as_prior, denoise
 from pnp_sci.errors import InputError, InputTypeError
 from pnp_sci.plugins.combine import Joint, Stages
 from pnp_sci.plugins.registry import available
@@ -43,9 +43,9 @@ def test_priors_keep_their_promises(prior):
     check_prior(prior)
 
 
-@pytest.mark.parametrize("name", map(by_name, available("priors")))
-def test_installed_priors_keep_their_promises(name):
-    check_prior(name, shapes=[(2, 3, 34, 33)])
+def test_installed_priors_are_among_them():
+    given = [parameter.values[0] for parameter in PRIORS]
+    assert all(as_prior(name) in given for name in available("priors"))
 
 
 @pytest.mark.parametrize(("one", "other"), list(combinations(BY_NAME, 2)))

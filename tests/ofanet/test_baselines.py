@@ -1,10 +1,11 @@
-"""U-net, ADMM-net and BIRNAT: networks, decoders and their training."""
+"""U-net, ADMM-net and BIRNAT: networks, decoders and their training; and what all decoders promise, OFaNet too."""
 
 import numpy as np
 import pytest
 from click.testing import CliRunner
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from untrained import make as make_ofanet
 from untrained import measured
 
 import pnp_sci
@@ -18,10 +19,12 @@ birnat = pytest.importorskip("ofanet_init.baselines.birnat")
 config = pytest.importorskip("ofanet_init.baselines.config")
 decoders = pytest.importorskip("ofanet_init.baseline_decoders")
 fusion = pytest.importorskip("pnp_sci.accel.fusion")
+half_precision = pytest.importorskip("pnp_sci.accel.inference").half_precision
 prepared = pytest.importorskip("ofanet_init.prepared")
 weights = pytest.importorskip("ofanet_init.files")
 
 MODELS = ("unet", "admm-net", "birnat")
+DECODERS = (*MODELS, "ofanet", "ofanet-fast")
 
 
 def make(model, views=2, frames=4):
@@ -39,6 +42,7 @@ def folder(tmp_path, monkeypatch):
     """Weights for 2 views of 4 frames, in place of the package's."""
     for model in MODELS:
         weights.save(tmp_path / f"{model}-v2b4.safetensors", make(model))
+    weights.save(tmp_path / "v2b4.safetensors", make_ofanet())
     monkeypatch.setattr(weights, "FOLDER", tmp_path)
     prepared._loaded.cache_clear()
     yield tmp_path
@@ -93,11 +97,12 @@ def test_the_order_of_the_views_does_not_matter(folder, model):
     assert np.allclose(one, other, atol=1e-2 * np.abs(one).max())
 
 
-@pytest.mark.parametrize("model", MODELS)
+@pytest.mark.parametrize("model", DECODERS)
 @pytest.mark.parametrize("factor", [1e-6, 3.0, 1e6])
 def test_decode_scales_with_the_measurement(folder, model, factor):
     y, masks = case()
     x, scaled = (pnp_sci.decode(a * y, masks, model=model).x for a in (1.0, factor))
+    assert x.shape == masks.shape
     assert np.allclose(scaled, factor * x, atol=2e-2 * factor * np.abs(x).max())
 
 
@@ -108,13 +113,16 @@ def test_the_decoded_video_measures_y(folder, model):
     assert np.abs((masks * x).sum((0, 1)) - y).max() < 1e-3 * y.max()
 
 
-@pytest.mark.parametrize("model", MODELS)
+@pytest.mark.parametrize("model", DECODERS)
 def test_fused_or_not_it_decodes_the_same(folder, model, monkeypatch):
-    outs, could = [], fusion._can_fuse
+    outs, could, cpu = [], fusion._can_fuse, torch.device("cpu")
     for possible in (True, False):
         monkeypatch.setattr(fusion, "_can_fuse", lambda dtype, possible=possible: possible and could(dtype))
         prepared._loaded.cache_clear()
         outs.append(pnp_sci.decode(*case(), model=model).x)
+        modules = prepared.trained(model.removesuffix("-fast"), 2, 4, cpu).modules()
+        fused = any(isinstance(module, fusion.Fused) for module in modules)
+        assert fused == (possible and could(torch.bfloat16 if half_precision(cpu) else torch.float32))
     assert np.abs(outs[0] - outs[1]).mean() < 0.02 * np.abs(outs[0]).mean()
 
 

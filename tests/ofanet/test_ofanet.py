@@ -213,15 +213,12 @@ def test_pixels_where_masks_are_closed():
     assert torch.isfinite(images).all()
 
 
-def test_flow_points_from_the_first_frame_to_the_second():
-    """What lies at p in the first lies at p + flow in the second: warping and the flows agree on that."""
+def test_warping_fetches_what_the_flow_points_to():
+    """What lies at p in the first lies at p + flow in the second."""
     x = torch.from_numpy(gaussian_filter(np.random.default_rng(0).random((64, 64)), 2).astype(np.float32))[None, None]
-    first = (x - x.min()) / (x.max() - x.min())
-    second = torch.roll(first, (3, -2), (2, 3))
-    estimate = flow.DISFlow().flow(first, second)[0, :, 16:48, 16:48].mean((1, 2))
-    assert torch.allclose(estimate, torch.tensor([-2.0, 3.0]), atol=0.5)
+    second = torch.roll(x, (3, -2), (2, 3))
     uniform = torch.tensor([-2.0, 3.0])[None, :, None, None].expand(1, 2, 64, 64)
-    assert torch.allclose(flow.warped(second, uniform)[..., 8:-8, 8:-8], first[..., 8:-8, 8:-8], atol=1e-5)
+    assert torch.allclose(flow.warped(second, uniform)[..., 8:-8, 8:-8], x[..., 8:-8, 8:-8], atol=1e-5)
 
 
 def test_flow_net_takes_any_size():

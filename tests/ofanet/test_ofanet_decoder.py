@@ -16,8 +16,6 @@ from pnp_sci.plugins.resolve import as_decoder
 
 torch = pytest.importorskip("torch")
 pytest.importorskip("safetensors")
-fusion = pytest.importorskip("pnp_sci.accel.fusion")
-half_precision = pytest.importorskip("pnp_sci.accel.inference").half_precision
 decoder = pytest.importorskip("ofanet_init.decoder")
 prepared = pytest.importorskip("ofanet_init.prepared")
 network = pytest.importorskip("ofanet_init.network")
@@ -43,29 +41,6 @@ def small():
 def case(small):
     masks = small.masks[:, :4]
     return pnp_sci.simulate(small.truth[:, :4], masks), masks
-
-
-@pytest.mark.parametrize("model", ["ofanet", "ofanet-fast"])
-@pytest.mark.parametrize("factor", [1e-6, 3.0, 1e6])
-def test_decode_scales_with_the_measurement(trained, case, model, factor):
-    y, masks = case
-    x, scaled = (pnp_sci.decode(a * y, masks, model=model).x for a in (1.0, factor))
-    assert x.shape == masks.shape
-    assert np.allclose(scaled, factor * x, atol=2e-2 * factor * np.abs(x).max())
-
-
-@pytest.mark.parametrize("model", ["ofanet", "ofanet-fast"])
-def test_fused_or_not_it_decodes_the_same(trained, case, model, monkeypatch):
-    outs, could = [], fusion._can_fuse
-    for possible in (True, False):
-        monkeypatch.setattr(fusion, "_can_fuse", lambda dtype, possible=possible: possible and could(dtype))
-        prepared._loaded.cache_clear()
-        outs.append(pnp_sci.decode(*case, model=model).x)
-        modules = prepared.trained("ofanet", 2, 4, torch.device("cpu")).modules()
-        half = half_precision(torch.device("cpu"))
-        fused = any(isinstance(module, fusion.Fused) for module in modules)
-        assert fused == (possible and could(torch.bfloat16 if half else torch.float32))
-    assert np.abs(outs[0] - outs[1]).mean() < 0.02 * np.abs(outs[0]).mean()
 
 
 @pytest.mark.parametrize(("noise", "passes"), [(0, 2), (0.1, 1)])

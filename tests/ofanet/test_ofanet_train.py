@@ -4,6 +4,7 @@ import imageio.v3 as iio
 import numpy as np
 import pytest
 from click.testing import CliRunner
+from interrupting import interrupted_before
 
 from pnp_sci.errors import DataUnavailableError, FormatError, InputError
 
@@ -128,16 +129,9 @@ def test_passes_are_kept_with_the_weights(folder, tmp_path):
 
 
 @pytest.mark.parametrize("stage", ["flow", "joint"])
-def test_resumed_run_equals_an_uninterrupted_one(folder, tmp_path, monkeypatch, stage):
+def test_resumed_run_equals_an_uninterrupted_one(folder, tmp_path, stage):
     assert run(stage, tmp_path / "whole", "--data", folder, steps=4).exit_code == 0
-
-    def interrupted(trainer, done, step=loop.Trainer.step):
-        if trainer.progress.step == 2:
-            raise KeyboardInterrupt
-        return step(trainer, done)
-
-    with monkeypatch.context() as patch:
-        patch.setattr(loop.Trainer, "step", interrupted)
+    with interrupted_before(2):
         assert run(stage, tmp_path / "parts", "--data", folder, steps=4).exit_code != 0
     result = run(stage, tmp_path / "parts", "--data", folder, "--resume", steps=4)
     assert result.exit_code == 0, result.output

@@ -16,6 +16,7 @@ from priors import bm3d
 from priors.bm3d import BM3D, filtered, groups
 from priors.flow import Flow
 from priors.kernels import bm3d as kernels
+from priors.kernels.patches import spread
 from priors.tv import TV
 
 SIDE, STEP, REACH = kernels.SIDE, kernels.STEP, kernels.REACH
@@ -67,7 +68,7 @@ def test_windows_of_weights():
     for r, c in np.argwhere(weights):
         expected[r : r + SIDE, c : c + SIDE] += weights[r, c] * kernels.WINDOW.reshape(SIDE, SIDE)
     out = np.full_like(weights, np.nan)
-    kernels._spread(weights, out)
+    spread(weights, kernels.EDGE, out)
     np.testing.assert_allclose(out, expected, rtol=1e-5)
 
 

@@ -11,8 +11,9 @@ from priors.kernels.average import FRACTION
 from priors.kernels.match import choose, consistency, differ, smooth, steady, weigh
 from priors.motion import credit as credits
 from priors.motion import measure as motion
-from priors.motion.credit import TUNED, adjacent, credit
+from priors.motion.credit import TUNED, credit
 from priors.motion.measure import Motion, _chosen, measure
+from priors.motion.pairs import adjacent
 from priors.motion.videos import seen
 
 
@@ -180,12 +181,12 @@ def test_steady_motion_is_taken_from_other_pairs():
     flow = right.copy()
     flow[near.index((2, 4))] = 0  # (2, 0) says what it is
     flow[near.index((0, 1)), :, 26:] = 0  # (0, 2) does
-    distance = _chosen(small, near, 2, np.float32(0.1), flow)
+    distance = _chosen(small, np.array(near), np.float32(0.1), flow)
     inner = np.s_[:, 12:-12, 12:-12]
     np.testing.assert_array_equal(flow[inner], right[inner])
     np.testing.assert_allclose(distance[inner], 0, atol=1e-8)
     flow[:, 18:21, 24:27] = 0
-    _chosen(small, near, 2, np.float32(0.1), flow)
+    _chosen(small, np.array(near), np.float32(0.1), flow)
     assert np.abs(flow - right)[:, 19, 25].max() < FRACTION
 
 
@@ -242,7 +243,7 @@ def test_smoothed_flow_comes_from_where_frames_match():
 def test_pairs_whose_frames_differ_more_than_next_ones_count_less():
     """exp(-doubt (d - d0) / close^2) with d0 the mean of the pairs with the frames before and after; at most 1."""
     pairs = [(b, n) for b in range(4) for n in range(4) if 0 < abs(b - n) <= 2]
-    beside = adjacent(pairs)
+    beside = adjacent(np.array(pairs))
     assert [[pairs[p] for p in order] for order in beside] == [
         [(b, b - 1) if b > 0 else (0, 1) for b, _ in pairs],
         [(b, b + 1) if b < 3 else (3, 2) for b, _ in pairs],

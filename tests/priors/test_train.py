@@ -7,6 +7,7 @@ import sys
 import numpy as np
 import pytest
 from click.testing import CliRunner
+from interrupting import interrupted_before
 
 from pnp_sci.errors import FormatError
 
@@ -72,18 +73,10 @@ def test_without_a_scene_to_hold_out_the_curves_say_so(folder, tmp_path, monkeyp
 
 
 @pytest.mark.parametrize("optimizer", loop.OPTIMIZERS)
-def test_resumed_run_equals_an_uninterrupted_one(folder, tmp_path, monkeypatch, optimizer):
+def test_resumed_run_equals_an_uninterrupted_one(folder, tmp_path, optimizer):
     train(folder, tmp_path / "whole", optimizer=optimizer)
-
-    def interrupted(trainer, done, step=loop.Trainer.step):
-        if trainer.progress.step == 4:
-            raise KeyboardInterrupt
-        return step(trainer, done)
-
-    with monkeypatch.context() as patch:
-        patch.setattr(loop.Trainer, "step", interrupted)
-        with pytest.raises(KeyboardInterrupt):
-            train(folder, tmp_path / "parts", optimizer=optimizer)
+    with interrupted_before(4), pytest.raises(KeyboardInterrupt):
+        train(folder, tmp_path / "parts", optimizer=optimizer)
     progress = train(folder, tmp_path / "parts", resume=True, optimizer=optimizer)
     assert progress.step == 6
     states = [torch.load(tmp_path / run / "checkpoint.pt", weights_only=True)["network"] for run in ("whole", "parts")]

@@ -6,6 +6,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from click.testing import CliRunner
+from interrupting import interrupted_before
 
 from pnp_sci.errors import FormatError, InputError
 from pnp_sci.solvers import iterate
@@ -163,7 +164,7 @@ def test_half_of_the_loss_is_that_of_the_estimates(folder, watch, tmp_path):
     assert of_solves(window.truth) < 0
 
 
-def test_a_resumed_run_makes_its_collections_again(folder, watch, tmp_path, monkeypatch):
+def test_a_resumed_run_makes_its_collections_again(folder, watch, tmp_path):
     """It has the same samples and ends with the same weights."""
     material = clips.split(clips.load_clips([folder]))
 
@@ -174,16 +175,9 @@ def test_a_resumed_run_makes_its_collections_again(folder, watch, tmp_path, monk
         loop.train(denoising, budget, loop.Place.here("cpu"), resume)
         return denoising
 
-    def interrupted(trainer, done, step=loop.Trainer.step):
-        if trainer.progress.step == 6:
-            raise KeyboardInterrupt
-        return step(trainer, done)
-
     whole = train(tmp_path / "whole")
-    with monkeypatch.context() as patch:
-        patch.setattr(loop.Trainer, "step", interrupted)
-        with pytest.raises(KeyboardInterrupt):
-            train(tmp_path / "parts")
+    with interrupted_before(6), pytest.raises(KeyboardInterrupt):
+        train(tmp_path / "parts")
     with pytest.raises(FormatError, match="with 1 --solves, but 2 were asked for"):
         train(tmp_path / "parts", resume=True, solves=2)
     resumed = train(tmp_path / "parts", resume=True)
