@@ -10,7 +10,6 @@ from typing import Any
 
 import numpy as np
 
-from pnp_sci import api
 from pnp_sci.bench.held_back import held_back_score
 from pnp_sci.bench.methods import Method, Source
 from pnp_sci.bench.runner import machine, scores
@@ -236,8 +235,7 @@ class _Task:
         words = method.python(self.source, **self.common), method.command(self.source, **self.common)
         try:
             score = self.score(method)
-            settings: dict[str, Any] = self.common | {"bad": self.bad}
-            result = api.solve(self.y, self.masks, **method.arguments(), **settings)
+            result = method.run(self.y, self.masks, **self.common, bad=self.bad)
         except Exception as error:  # an error in a plugin must not end the comparison
             return Trial(method, *words, error=" ".join(str(error).split()) or type(error).__name__)
         if self.truth is None:
@@ -247,10 +245,10 @@ class _Task:
 
     def score(self, method: Method) -> float:
         """The held-back score; noise, not lowered, and scene are those of all pixels, equal for all methods."""
-        settings = method.arguments() | self.common | {"noise": self.sensor, "scene": self.scene}
+        settings = self.common | {"noise": self.sensor, "scene": self.scene}
         planes = self.planes if self.bad is None else self.planes * ~self.bad
         return held_back_score(
-            lambda y, masks: api.solve(y, masks, **settings).x,
+            lambda y, masks: method.run(y, masks, **settings).x,
             self.y if self.bad is None else self.y * ~self.bad,
             planes,
             noise=self.noise,
