@@ -95,9 +95,7 @@ def bench(
         methods = table.grid(
             words(priors), words(inits), words(algorithms), words(efforts), iterations, words(decoders)
         )
-        pairs = [
-            (case, method) for case in table.expand(words(cases), noise, frames, **of_files) for method in methods
-        ]
+        pairs = [(case, method) for case in table.expand(words(cases), noise, frames, **of_files) for method in methods]
         if not pairs:
             raise click.UsageError("nothing to measure: --cases, and --priors or --decoders were expected")
     results = table.Results(out) if out is not None else None
