@@ -22,7 +22,7 @@ from pnp_sci.results.history import History, Record, Status
 from pnp_sci.results.result import Result
 from pnp_sci.scene.choose import choose_scene
 from pnp_sci.sensing.problem import check_noise, check_scene
-from pnp_sci.sensing.scene_model import SceneModel
+from pnp_sci.sensing.scene_model import SceneModel, full
 from pnp_sci.sensing.sensor import Sensor
 from pnp_sci.solvers.state import State, length, start
 from pnp_sci.solvers.stopping import relative_residual
@@ -183,7 +183,10 @@ def decode(
     statuses, records, problems, scenes = [], [], [], []
     for n, problem in enumerate(problem.steady() for problem in given.problems(sensor, fits)):
         begun = time.perf_counter()
-        chosen = choose_scene(scene if decoder.needs_scene else "full", problem)
+        if decoder.needs_scene or scene == "full":
+            chosen = choose_scene(scene, problem)
+        else:
+            chosen = full(problem.op, "not judged: the decoder does not need it")
         x = shaped("what the decoder returns", decoded(decoder, problem, chosen), op.shape, op.dtype)
         seconds = time.perf_counter() - begun
         put(x, videos[n], problem.unit)
