@@ -32,7 +32,7 @@ def size(videos: np.ndarray, several: bool) -> str:
     '4 videos of 1 view x 3 frames of 8 x 6 in colour'
     """
     count, views, frames, rows, columns, *colours = videos.shape
-    of_all, colour = f"{count} videos of " * several, " in colour" * bool(colours)
+    of_all, colour = f"{count} video{'s' * (count != 1)} of " * several, " in colour" * bool(colours)
     return f"{of_all}{views} view{'s' * (views != 1)} x {frames} frames of {rows} x {columns}{colour}"
 
 
