@@ -38,7 +38,7 @@ class Trial:
     python : str
         Python code that reproduces the result.
     command : str or None
-        Command line that reproduces the result; None if the files are unknown.
+        Command line that reproduces the result; None of a decoder, and if the files are unknown.
     result : Result or None
         None if the method failed.
     error : str or None

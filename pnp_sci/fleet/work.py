@@ -53,8 +53,8 @@ def solve_chunk(job_name: str, chunk: Chunk, y: np.ndarray | None, preview: bool
     Returns
     -------
     dict
-        "errors", the number of measurements that failed, and if `measure`, "seconds" and "memory" in bytes, both
-        without what only the first chunk of a process takes.
+        "errors", the number of measurements that failed, and unless all did, "seconds" and "memory" in bytes. If
+        `measure`, the seconds are without those that only the first chunk of a process takes.
     """
     plugin: Any = get_worker().plugins[job_name]
     job: Job = plugin.job
