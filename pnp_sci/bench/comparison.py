@@ -22,7 +22,7 @@ from pnp_sci.pipeline.progress import bar
 from pnp_sci.pipeline.reference import Reference
 from pnp_sci.results.result import Result
 from pnp_sci.scene.choose import choose_scene
-from pnp_sci.sensing.operator import SensingOperator, as_masks
+from pnp_sci.sensing.operator import as_masks
 from pnp_sci.sensing.problem import check_noise, measured
 from pnp_sci.sensing.scene_model import SceneModel
 from pnp_sci.sensing.sensor import Sensor
@@ -209,7 +209,7 @@ class _Task:
 
     @classmethod
     def of(cls, y: Any, masks: Any, reference: Any, common: dict[str, Any], source: Source | None, bad: Any) -> _Task:
-        planes = masks.masks if isinstance(masks, SensingOperator) else as_masks(masks)
+        planes = as_masks(masks)
         given = Input.of(y, planes, bad)
         op, (picture,) = given.op, given.measurements
         (fit,) = fits = given.check(check_noise(common["noise"]))

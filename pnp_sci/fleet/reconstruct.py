@@ -23,7 +23,6 @@ from pnp_sci.pipeline.progress import bar
 from pnp_sci.pipeline.provenance import digest
 from pnp_sci.pipeline.request import check_request
 from pnp_sci.plugins import registry
-from pnp_sci.sensing.operator import SensingOperator
 from pnp_sci.sensing.problem import check_bad, check_operator
 
 _log = logging.getLogger("pnp_sci.fleet")
@@ -95,7 +94,7 @@ def reconstruct(
     sequence = None if sequence is None else whole("sequence", sequence, 1)
     workers = cores() if workers is None else whole("workers", workers, 1)
     instance("progress", progress, bool)
-    opened, planes = open_source(source, key), as_masks(masks.masks if isinstance(masks, SensingOperator) else masks)
+    opened, planes = open_source(source, key), as_masks(masks)
     _check(opened, planes, preview, options)
     settings, path = settings_of(opened, planes, sequence, options), Path(out).resolve()
     if path.exists():

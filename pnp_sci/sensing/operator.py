@@ -17,7 +17,7 @@ DIMMEST = 0.05  # root of the gram of a pixel, in units of the mean one, below w
 
 
 def as_masks(masks: Any, dtype: np.dtype | None = None) -> np.ndarray:
-    """Masks as a C-ordered array (V, B, H, W) of native byte order.
+    """Masks, or those of an operator, as a C-ordered array (V, B, H, W) of native byte order.
 
     bool becomes uint8, and uint8 stays. Other types become `dtype`, by default float64 for float64 and float32 else.
 
@@ -28,6 +28,8 @@ def as_masks(masks: Any, dtype: np.dtype | None = None) -> np.ndarray:
     InputTypeError
         If the values are not real numbers.
     """
+    if isinstance(masks, SensingOperator):
+        masks = masks.masks
     array = real_array("masks", masks)
     if array.ndim == 3:
         array = array[None]
@@ -53,11 +55,11 @@ class SensingOperator:
 
     Parameters
     ----------
-    masks : array_like, (V, B, H, W) or (B, H, W)
+    masks : array_like, (V, B, H, W) or (B, H, W), or SensingOperator
         Transmission of each mask element, any real values; 3-D masks are a single view. bool and uint8 are stored with
         one byte per element.
     dtype : float32 or float64, optional
-        Type of videos and measurements. By default float64 if masks are float64, else float32.
+        Type of videos and measurements. By default that of an operator, or float64 if masks are float64, else float32.
 
     Attributes
     ----------
@@ -83,6 +85,8 @@ class SensingOperator:
     def __init__(self, masks: Any, dtype: Any = None):
         if dtype is not None and np.dtype(dtype) not in (np.float32, np.float64):
             raise InputTypeError(f"dtype is {np.dtype(dtype)}: float32 or float64 was expected")
+        if isinstance(masks, SensingOperator):
+            dtype = dtype or masks.dtype
         self.masks = as_masks(masks, None if dtype is None else np.dtype(dtype))
         if isinstance(masks, np.ndarray) and np.may_share_memory(self.masks, masks):
             self.masks = self.masks.copy()  # the caller may write to his own, which would make `gram` wrong
