@@ -7,13 +7,13 @@ from typing import Any
 
 import numpy as np
 
+from pnp_sci.formats.plain import some
 from pnp_sci.results.history import History, Record
 
 
 def counted(numbers: Sequence[int]) -> str:
     """``[0, 2]`` -> ``"1, 3"``; ten at most."""
-    texts = [str(n + 1) for n in numbers[:10]]
-    return ", ".join(texts) + (f" and {len(numbers) - 10} more" if len(numbers) > 10 else "")
+    return some([str(n + 1) for n in numbers], 10)
 
 
 def in_words(plan: dict[str, Any]) -> str:
