@@ -11,7 +11,7 @@ import numpy as np
 from pnp_sci._validate import shaped
 from pnp_sci.camera.registration import Registration
 from pnp_sci.pipeline.input import Input
-from pnp_sci.pipeline.measurement import entries, put
+from pnp_sci.pipeline.measurement import found, put
 from pnp_sci.pipeline.provenance import provenance
 from pnp_sci.pipeline.request import as_plain
 from pnp_sci.pipeline.solve import solve_all
@@ -195,8 +195,7 @@ def decode(
         residual = relative_residual(state, length(problem.y) or 1.0, problem.saturated)
         records.append(Record(0, seconds, residual, float("nan"), measurement=n))
         problems.append(problem)
-        at_rest = {"at_rest": [None] * op.shape[0]}
-        scenes.append(given.found(chosen.describe(op) | at_rest | entries(problem), fits[n]))
+        scenes.append(given.found(found(chosen, problem), fits[n]))
         if statuses[-1].ok and (why := exploded(x, problem)):
             scenes[-1]["remarks"].append(f"what the decoder makes of y {why}: do not trust it")
     videos = given.shown(videos)
