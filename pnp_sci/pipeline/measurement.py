@@ -21,12 +21,13 @@ from pnp_sci.pipeline.unseen import Unseen
 from pnp_sci.plugins.combine import InTurn
 from pnp_sci.results.history import Record, Status
 from pnp_sci.scene.choose import choose_scene
+from pnp_sci.sensing.operator import SensingOperator
 from pnp_sci.sensing.problem import Problem, level
 from pnp_sci.sensing.scene_model import SceneModel, full
 from pnp_sci.sensing.sequence import joined, split
 from pnp_sci.solvers.iterate import ALGORITHMS, states
 from pnp_sci.solvers.pace import in_time, remember
-from pnp_sci.solvers.plan import make_plan
+from pnp_sci.solvers.plan import Plan, make_plan
 from pnp_sci.solvers.run import run
 from pnp_sci.solvers.state import Array, Operator, State, length, start
 from pnp_sci.solvers.stopping import explains, held, noise_floor, relative_residual
@@ -96,13 +97,7 @@ def reconstruct(
     begin = _first(problems, request, window, scene, may_decode(traits, deadline), deadline)
     name, decoded, x, remarks = begin.name, begin.decoded, begin.x, begin.remarks
     del begin  # the first estimate is freed after the first step, but for a decoder's
-    plan = make_plan(
-        reduced, joint.noise, request.prior,
-        algorithm=request.algorithm, effort=request.counted,
-        iterations=request.iterations, sigma=request.sigma, tol=request.tol, decoded=decoded, deadline=deadline,
-    )  # fmt: skip
-    backend = request.backend
-    plan = in_time(plan, reduced, joint.y, backend)
+    plan, backend = _plan(request, reduced, joint, decoded, deadline), request.backend
     told = Unseen(joint, reduced, plan, traits.strong and request.sigma is None, backend)
     watch.expect(plan.iterations)
 
@@ -157,6 +152,16 @@ def _first(
     remarks = next((start.remarks for start in first if start.remarks), [])
     x = joined([scene.restrict(start.x) for start in first])
     return Start(one_or_auto(start.name for start in first), x, all(start.decoded for start in first), remarks)
+
+
+def _plan(request: Request, op: SensingOperator, problem: Problem, decoded: bool, deadline: float | None) -> Plan:
+    """The plan for what is modelled of a problem, by its operator; with the pace of its priors if time is limited."""
+    plan = make_plan(
+        op, problem.noise, request.prior,
+        algorithm=request.algorithm, effort=request.counted,
+        iterations=request.iterations, sigma=request.sigma, tol=request.tol, decoded=decoded, deadline=deadline,
+    )  # fmt: skip
+    return in_time(plan, op, problem.y, request.backend)
 
 
 def found(
