@@ -16,6 +16,13 @@ if TYPE_CHECKING:
 DIMMEST = 0.05  # root of the gram of a pixel, in units of the mean one, below which it counts as unlit
 
 
+def _kernels() -> Any:
+    """The compiled functions: to import the package loads no numba, which takes long."""
+    from pnp_sci.sensing import kernels
+
+    return kernels
+
+
 def as_masks(masks: Any, dtype: np.dtype | None = None) -> np.ndarray:
     """Masks, or those of an operator, as a C-ordered array (V, B, H, W) of native byte order.
 
@@ -118,10 +125,8 @@ class SensingOperator:
     @cached_property
     def gram(self) -> np.ndarray:
         """The diagonal of Phi Phi^T, (H, W)."""
-        from pnp_sci.sensing import kernels as _kernels
-
         total = np.empty(self.shape[2] * self.shape[3], self.dtype)
-        _kernels.gram(self._planes, total)
+        _kernels().gram(self._planes, total)
         return total.reshape(self.shape[2:])
 
     @property
@@ -132,20 +137,16 @@ class SensingOperator:
 
     def forward(self, x: Any, out: np.ndarray | None = None) -> np.ndarray:
         """Phi x: the measurement (H, W) of a video (V, B, H, W)."""
-        from pnp_sci.sensing import kernels as _kernels
-
         x = self._array("x", x, self.shape)
         y = self._output(out, self.shape[2:])
-        _kernels.forward(self._planes, x.reshape(self._planes.shape), y.reshape(-1))
+        _kernels().forward(self._planes, x.reshape(self._planes.shape), y.reshape(-1))
         return y
 
     def adjoint(self, y: Any, out: np.ndarray | None = None) -> np.ndarray:
         """Phi^T y: the measurement (H, W) times each mask, (V, B, H, W)."""
-        from pnp_sci.sensing import kernels as _kernels
-
         y = self._array("y", y, self.shape[2:])
         x = self._output(out, self.shape)
-        _kernels.adjoint(self._planes, y.reshape(-1), x.reshape(self._planes.shape))
+        _kernels().adjoint(self._planes, y.reshape(-1), x.reshape(self._planes.shape))
         return x
 
     def project(self, x: Any, y: Any, rho: float | np.ndarray = 0.0, out: np.ndarray | None = None) -> np.ndarray:
@@ -173,14 +174,12 @@ class SensingOperator:
         InputError, InputTypeError
             If a shape does not agree with the masks, values are not real, rho is negative, or out cannot be used.
         """
-        from pnp_sci.sensing import kernels as _kernels
-
         x = self._array("x", x, self.shape)
         y = self._array("y", y, self.shape[2:])
         out = self._output(out, self.shape)
         flat = self._planes.shape
         weight = self._weight(rho)
-        _kernels.project(self._planes, x.reshape(flat), y.reshape(-1), weight, out.reshape(flat), out is x)
+        _kernels().project(self._planes, x.reshape(flat), y.reshape(-1), weight, out.reshape(flat), out is x)
         return out
 
     def multiplier(
@@ -196,14 +195,12 @@ class SensingOperator:
         ``q' = (q + pace r) gram / (gram + pace rho);  m = (q' - q) / pace``  for the multiplier q = `dual` and the
         residual r, all (H, W). Where `saturated` is true, q' is 0 or more.
         """
-        from pnp_sci.sensing import kernels as _kernels
-
         after, move = (np.empty(dual.shape, self.dtype) for _ in range(2))
         bounds = np.empty(0, bool) if saturated is None else saturated.reshape(-1)
         with np.errstate(over="ignore"):  # an infinite rho leaves nothing of the multiplier
             rho = np.asarray(rho, self.dtype).reshape(-1)
         given, made = ([a.reshape(-1) for a in arrays] for arrays in ((dual, residual, self.gram), (after, move)))
-        _kernels.multiplier(*given, self.dtype.type(pace), rho, bounds, *made)
+        _kernels().multiplier(*given, self.dtype.type(pace), rho, bounds, *made)
         return after, move
 
     def linear_operator(self) -> LinearOperator:
