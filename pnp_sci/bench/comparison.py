@@ -212,16 +212,16 @@ class _Task:
         planes = as_masks(masks)
         given = Input.of(y, planes, bad)
         op, (picture,) = given.op, given.measurements
-        (fit,) = fits = given.check(check_noise(common["noise"]))
-        (problem,) = given.problems(check_noise(common["noise"]), fits)
-        sensor = measured(check_noise(common["noise"]), problem.op, picture, problem.bad)
+        sensor = check_noise(common["noise"])
+        (fit,) = fits = given.check(sensor)
+        (problem,) = given.problems(sensor, fits)
         return cls(
             picture,
             masks,
             planes,
             float(problem.unit),
             problem.typical_noise * float(problem.unit) * given.largest,
-            sensor,
+            measured(sensor, problem.op, picture, problem.bad),
             problem.saturated,
             problem.bad,
             fit,

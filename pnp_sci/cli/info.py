@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 
 import click
 
-from pnp_sci.cli.kinds import FILE
+from pnp_sci.cli.kinds import FILE, POSITIVE
 from pnp_sci.errors import FormatError, UnknownPluginError
 
 if TYPE_CHECKING:
@@ -93,7 +93,7 @@ def priors() -> None:
 
 
 @click.command()
-@click.argument("budget_seconds", type=click.FloatRange(min=0, min_open=True))
+@click.argument("budget_seconds", type=POSITIVE)
 @click.option("--like", default="dualview", show_default=True, help="dualview, singleview, a scene, or VxBxHxW.")
 @click.option("--results", type=FILE, help="File written by `pnp-sci bench`.  [default: what comes with the package]")
 def recommend(budget_seconds: float, like: str, results: Path | None) -> None:
