@@ -89,7 +89,7 @@ def done(out):
 def peak(folder, out, workers=2):
     """Largest memory of the client and of a worker, in bytes."""
     code = (
-        "import sys, numpy as np, pnp_sci, distributed; from pnp_sci.fleet.work import peak_memory\n"
+        "import sys, numpy as np, pnp_sci, distributed; from pnp_sci.accel.memory import peak_memory\n"
         "if __name__ == '__main__':\n"
         f"    cluster = distributed.LocalCluster(n_workers={workers}, threads_per_worker=1, memory_limit=0)\n"
         "    client = distributed.Client(cluster); folder, out = sys.argv[1:]\n"

@@ -11,7 +11,7 @@ import numpy as np
 from pnp_sci._validate import shaped
 from pnp_sci.camera.registration import Registration
 from pnp_sci.pipeline.input import Input
-from pnp_sci.pipeline.measurement import entries, put
+from pnp_sci.pipeline.measurement import found, put
 from pnp_sci.pipeline.provenance import provenance
 from pnp_sci.pipeline.request import as_plain
 from pnp_sci.pipeline.solve import solve_all
@@ -22,7 +22,7 @@ from pnp_sci.results.history import History, Record, Status
 from pnp_sci.results.result import Result
 from pnp_sci.scene.choose import choose_scene
 from pnp_sci.sensing.problem import check_noise, check_scene
-from pnp_sci.sensing.scene_model import SceneModel
+from pnp_sci.sensing.scene_model import SceneModel, full
 from pnp_sci.sensing.sensor import Sensor
 from pnp_sci.solvers.state import State, length, start
 from pnp_sci.solvers.stopping import relative_residual
@@ -183,7 +183,10 @@ def decode(
     statuses, records, problems, scenes = [], [], [], []
     for n, problem in enumerate(problem.steady() for problem in given.problems(sensor, fits)):
         begun = time.perf_counter()
-        chosen = choose_scene(scene if decoder.needs_scene else "full", problem)
+        if decoder.needs_scene or scene == "full":
+            chosen = choose_scene(scene, problem)
+        else:
+            chosen = full(problem.op, "not judged: the decoder does not need it")
         x = shaped("what the decoder returns", decoded(decoder, problem, chosen), op.shape, op.dtype)
         seconds = time.perf_counter() - begun
         put(x, videos[n], problem.unit)
@@ -192,8 +195,7 @@ def decode(
         residual = relative_residual(state, length(problem.y) or 1.0, problem.saturated)
         records.append(Record(0, seconds, residual, float("nan"), measurement=n))
         problems.append(problem)
-        at_rest = {"at_rest": [None] * op.shape[0]}
-        scenes.append(given.found(chosen.describe(op) | at_rest | entries(problem), fits[n]))
+        scenes.append(given.found(found(chosen, problem), fits[n]))
         if statuses[-1].ok and (why := exploded(x, problem)):
             scenes[-1]["remarks"].append(f"what the decoder makes of y {why}: do not trust it")
     videos = given.shown(videos)

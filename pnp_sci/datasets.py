@@ -11,6 +11,7 @@ from pathlib import Path
 import numpy as np
 
 from pnp_sci._optional import needed_for
+from pnp_sci._validate import one_of
 from pnp_sci.errors import DataUnavailableError, FormatError, InputError
 from pnp_sci.io import read, read_masks, read_measurement, read_video
 from pnp_sci.masks import moving_masks
@@ -69,11 +70,9 @@ def fetch(name: str) -> Path:
         If the file is not on this machine and cannot be downloaded; the message has its URL.
     """
     files = _registry()
-    if name not in files:
-        raise InputError(f"name is {name!r}: one of {', '.join(files)} was expected")
+    one_of("name", name, files)
     digest, url = files[name]
-    local = _local(name)
-    if local is not None and local.is_file():
+    if (local := _local(name)) is not None:
         found = hashlib.sha256(local.read_bytes()).hexdigest()
         if found != digest:
             raise FormatError(f"{local} has SHA-256 {found}, but {digest} was expected: replace or remove the file")
@@ -98,10 +97,7 @@ def available() -> dict[str, bool]:
     with needed_for("the folder of downloaded data", "data"):
         import pooch
     cache_folder = Path(pooch.os_cache("pnp-sci"))
-    return {
-        name: any(path is not None and path.is_file() for path in (_local(name), cache_folder / name))
-        for name in _registry()
-    }
+    return {name: _local(name) is not None or (cache_folder / name).is_file() for name in _registry()}
 
 
 def dualview(pair: str, frames: int | None = None) -> Scene:
@@ -121,7 +117,7 @@ def dualview(pair: str, frames: int | None = None) -> Scene:
     FormatError, DataUnavailableError
         As for :func:`fetch`.
     """
-    _one_of("pair", pair, DUAL_VIEW_PAIRS)
+    one_of("pair", pair, DUAL_VIEW_PAIRS)
     masks = read_masks(fetch("dualview/256_simu_mask10.mat"))
     truth = read_video(fetch(f"dualview/gt/{pair}.mat"))
     if frames is None:
@@ -149,7 +145,7 @@ def singleview(name: str) -> Scene:
     FormatError, DataUnavailableError
         As for :func:`fetch`.
     """
-    _one_of("name", name, (*SINGLE_VIEW, "kobe"))
+    one_of("name", name, (*SINGLE_VIEW, "kobe"))
     if name == "kobe":
         return _kobe()
     path = fetch(f"singleview/{SINGLE_VIEW[name]}_cacti.mat")
@@ -174,7 +170,7 @@ def real(name: str) -> Scene:
     FormatError, DataUnavailableError
         As for :func:`fetch`.
     """
-    _one_of("name", name, tuple(REAL))
+    one_of("name", name, tuple(REAL))
     path = fetch(f"real/{REAL[name]}_cacti.mat")
     masks = read_masks(path).astype(np.float32)
     return Scene(name, read_measurement(path).astype(np.float32), masks / masks.max(), None, None)
@@ -262,13 +258,12 @@ def _square(picture: np.ndarray, size: int, resize) -> np.ndarray:
 
 
 def _kobe() -> Scene:
-    paths = [_local(f"singleview/kobe8_{part}.npz") for part in ("snapshot", "ground_truth")]
-    if not all(path is not None and path.is_file() for path in paths):
+    snapshot, ground_truth = (_local(f"singleview/kobe8_{part}.npz") for part in ("snapshot", "ground_truth"))
+    if snapshot is None or ground_truth is None:
         raise DataUnavailableError(
             "kobe is not among the files that can be downloaded: set the environment variable PNP_SCI_DATA to a folder "
             "with singleview/kobe8_snapshot.npz (y, masks) and singleview/kobe8_ground_truth.npz (x)"
         )
-    snapshot, ground_truth = (path for path in paths if path is not None)
     masks, truth = read_masks(snapshot), read_video(ground_truth)
     return Scene("kobe", read(snapshot, "y")[None], masks, truth[None], 1.0)
 
@@ -278,14 +273,10 @@ def _unit(counts: np.ndarray) -> np.ndarray:
     return (counts / 255).astype(np.float32)
 
 
-def _one_of(argument: str, name: str, names: tuple[str, ...]) -> None:
-    if name not in names:
-        raise InputError(f"{argument} is {name!r}: one of {', '.join(names)} was expected")
-
-
 def _local(name: str) -> Path | None:
+    """The file in the folder PNP_SCI_DATA; None if it is not there."""
     folder = os.environ.get("PNP_SCI_DATA")
-    return Path(folder) / name if folder else None
+    return path if folder and (path := Path(folder) / name).is_file() else None
 
 
 @cache

@@ -98,8 +98,6 @@ def read_masks(path: str | Path, views: int | None = None, key: str | None = Non
         If the number of planes is not a multiple of `views`; other errors as for :func:`read`.
     """
     name, array = _find(Path(path), "masks", key)
-    if array.ndim == 5 and views in (None, array.shape[1]):
-        return array
     return _in_views(Path(path), name, array, views)
 
 
@@ -128,8 +126,6 @@ def read_video(path: str | Path, views: int | None = None, key: str | None = Non
     if colour:
         return _in_colour(Path(path), views, key)
     name, array = _find(Path(path), "video", key)
-    if array.ndim == 5 and views in (None, array.shape[1]):
-        return array
     return _in_views(Path(path), name, array, views)
 
 
@@ -268,9 +264,9 @@ def _doubtful(path: Path, name: str, shape: tuple[int, ...]) -> bool:
 
 
 def _in_views(path: Path, name: str, array: np.ndarray, views: int | None) -> np.ndarray:
-    """Reshape planes (V * B, H, W) to (V, B, H, W)."""
+    """Reshape planes (V * B, H, W) to (V, B, H, W); an array with as many views, of N measurements too, stays."""
     views = None if views is None else whole("views", views, 1)
-    if array.ndim == 4 and views in (None, len(array)):
+    if array.ndim in (4, 5) and views in (None, array.shape[-4]):
         return array
     planes = array[None] if array.ndim == 2 else array
     views = views or (2 if name in _DUAL_VIEW else 1)

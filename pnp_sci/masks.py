@@ -188,7 +188,7 @@ def condition(masks: Any) -> MaskCondition:
 
     Parameters
     ----------
-    masks : array_like, (V, B, H, W) or (B, H, W)
+    masks : array_like, (V, B, H, W) or (B, H, W), or SensingOperator
         Any finite real values.
 
     Returns
@@ -214,7 +214,7 @@ def condition(masks: Any) -> MaskCondition:
     between_frames = [_correlations(view - view.mean((1, 2), keepdims=True)) for view in scaled]
     return MaskCondition(
         shape=checked.shape,  # type: ignore[arg-type]
-        dtype=str(np.asarray(masks).dtype),
+        dtype=str(np.asarray(getattr(masks, "masks", masks)).dtype),
         levels=np.unique(checked).size,
         minimum=float(checked.min()),
         maximum=float(checked.max()),

@@ -72,7 +72,7 @@ def plot_video(
     views, count = x.shape[:2]
     chosen = _chosen(frames, count, _SHOWN)
     largest = float((x if reference is None else rows[1][1]).max())
-    videos = videos.reshape(-1, *videos.shape[1:]) if videos.ndim == 5 + colour else x[None]
+    videos = videos if videos.ndim == 5 + colour else x[None]
     levels = np.full(videos.shape[1], largest) if white is None else whites(white, videos)
     height = _PANEL * x.shape[2] / x.shape[3]
     size = _PANEL * len(chosen), height * views * len(rows) + 0.3

@@ -18,12 +18,12 @@ import numpy as np
 
 from pnp_sci._validate import whole
 from pnp_sci.errors import FormatError, InputError, InputTypeError
+from pnp_sci.plugins.registry import LEARNED
 from pnp_sci.plugins.resolve import as_prior
 from pnp_sci.sensing.operator import SensingOperator
 from pnp_sci.solvers.iterate import iterate
 
 MEASURED = Path(__file__).parent / "measured.json"  # made by `pnp-sci bench`; see docs/results/speed.md
-LEARNED = ("torch", "safetensors")  # what the networks need
 USUAL = {"init": "auto", "algorithm": "gap", "effort": "balanced"}  # of `solve`, left out of a recommendation
 PLAIN = {"prior", "init", "iterations"}
 OF_ANY_SIZE = ("auto", "adjoint")  # first estimates

@@ -10,7 +10,6 @@ from typing import Any
 
 import numpy as np
 
-from pnp_sci import api
 from pnp_sci.bench.held_back import held_back_score
 from pnp_sci.bench.methods import Method, Source
 from pnp_sci.bench.runner import machine, scores
@@ -23,7 +22,7 @@ from pnp_sci.pipeline.progress import bar
 from pnp_sci.pipeline.reference import Reference
 from pnp_sci.results.result import Result
 from pnp_sci.scene.choose import choose_scene
-from pnp_sci.sensing.operator import SensingOperator, as_masks
+from pnp_sci.sensing.operator import as_masks
 from pnp_sci.sensing.problem import check_noise, measured
 from pnp_sci.sensing.scene_model import SceneModel
 from pnp_sci.sensing.sensor import Sensor
@@ -39,7 +38,7 @@ class Trial:
     python : str
         Python code that reproduces the result.
     command : str or None
-        Command line that reproduces the result; None if the files are unknown.
+        Command line that reproduces the result; None of a decoder, and if the files are unknown.
     result : Result or None
         None if the method failed.
     error : str or None
@@ -210,19 +209,19 @@ class _Task:
 
     @classmethod
     def of(cls, y: Any, masks: Any, reference: Any, common: dict[str, Any], source: Source | None, bad: Any) -> _Task:
-        planes = masks.masks if isinstance(masks, SensingOperator) else as_masks(masks)
+        planes = as_masks(masks)
         given = Input.of(y, planes, bad)
         op, (picture,) = given.op, given.measurements
-        (fit,) = fits = given.check(check_noise(common["noise"]))
-        (problem,) = given.problems(check_noise(common["noise"]), fits)
-        sensor = measured(check_noise(common["noise"]), problem.op, picture, problem.bad)
+        sensor = check_noise(common["noise"])
+        (fit,) = fits = given.check(sensor)
+        (problem,) = given.problems(sensor, fits)
         return cls(
             picture,
             masks,
             planes,
             float(problem.unit),
             problem.typical_noise * float(problem.unit) * given.largest,
-            sensor,
+            measured(sensor, problem.op, picture, problem.bad),
             problem.saturated,
             problem.bad,
             fit,
@@ -236,8 +235,7 @@ class _Task:
         words = method.python(self.source, **self.common), method.command(self.source, **self.common)
         try:
             score = self.score(method)
-            settings: dict[str, Any] = self.common | {"bad": self.bad}
-            result = api.solve(self.y, self.masks, **method.arguments(), **settings)
+            result = method.run(self.y, self.masks, **self.common, bad=self.bad)
         except Exception as error:  # an error in a plugin must not end the comparison
             return Trial(method, *words, error=" ".join(str(error).split()) or type(error).__name__)
         if self.truth is None:
@@ -247,10 +245,10 @@ class _Task:
 
     def score(self, method: Method) -> float:
         """The held-back score; noise, not lowered, and scene are those of all pixels, equal for all methods."""
-        settings = method.arguments() | self.common | {"noise": self.sensor, "scene": self.scene}
+        settings = self.common | {"noise": self.sensor, "scene": self.scene}
         planes = self.planes if self.bad is None else self.planes * ~self.bad
         return held_back_score(
-            lambda y, masks: api.solve(y, masks, **settings).x,
+            lambda y, masks: method.run(y, masks, **settings).x,
             self.y if self.bad is None else self.y * ~self.bad,
             planes,
             noise=self.noise,

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import inspect
 import shlex
 from collections.abc import Iterable
 from dataclasses import asdict, dataclass
@@ -10,9 +11,12 @@ from pathlib import Path
 from typing import Any
 
 from pnp_sci import api
-from pnp_sci.errors import InputError
+from pnp_sci.errors import InputError, UnknownPluginError
+from pnp_sci.plugins import registry
 from pnp_sci.results.result import Result
 from pnp_sci.sensing.sensor import Sensor
+
+OF_DECODE = ("noise", "scene", "bad", "mosaic")  # arguments of `solve` that `decode` has too
 
 
 @dataclass(frozen=True)
@@ -95,18 +99,19 @@ class Method:
         return {key: value for key, value in asdict(self).items() if value is not None}
 
     def run(self, y: Any, masks: Any, **common: Any) -> Result:
-        """Reconstruct a measurement; `common` are further arguments of :func:`pnp_sci.solve`."""
-        if self.prior is None:
-            return api.decode(y, masks, **self.arguments())
-        return api.solve(y, masks, **self.arguments(), **common)
+        """Reconstruct a measurement.
+
+        `common` are further arguments of :func:`pnp_sci.solve`. A decoder gets those that concern it.
+        """
+        function = api.decode if self.prior is None else api.solve
+        return function(y, masks, **self._with(common))
 
     def python(self, source: Source | None, **common: Any) -> str:
         """Python code of :meth:`run`, after the lines that read the source, if any."""
         read = source.python() if source else ""
         words = ("y", "masks", "bad=bad") if source and source.bad else ("y", "masks")
-        if self.prior is None:
-            return f"{read}result = {_call('pnp_sci.decode', *words, **self.arguments())}"
-        return f"{read}result = {_call('pnp_sci.solve', *words, **self.arguments(), **common)}"
+        function = "pnp_sci.decode" if self.prior is None else "pnp_sci.solve"
+        return f"{read}result = {_call(function, *words, **self._with(common))}"
 
     def command(self, source: Source | None, **common: Any) -> str | None:
         """Command line of :meth:`run`; None without a prior or without files."""
@@ -117,6 +122,13 @@ class Method:
             camera = {"noise": noise.read_noise, "gain": noise.gain or None}
             common = common | camera | {"full_scale": noise.full_scale, "bits": noise.bits}
         return shlex.join([*source.command(), *_options(self.arguments() | common)])
+
+    def _with(self, common: dict[str, Any]) -> dict[str, Any]:
+        """The arguments of the method, and those of `common` that its function takes."""
+        if self.prior is not None:
+            return self.arguments() | common
+        taken = {*OF_DECODE, *(("device",) if common.get("device") and _takes_device(self.init) else ())}
+        return self.arguments() | {name: value for name, value in common.items() if name in taken}
 
 
 def grid(
@@ -141,6 +153,13 @@ def grid(
     alone = [Method(None, init=decoder) for decoder in decoders]
     combinations = product(priors, inits, algorithms, efforts)
     return list(dict.fromkeys([*alone, *(Method(*combination, iterations) for combination in combinations)]))
+
+
+def _takes_device(decoder: str) -> bool:
+    try:
+        return "device" in inspect.signature(registry.load("decoders", decoder)).parameters
+    except UnknownPluginError:  # `decode` raises it
+        return False
 
 
 def _call(function: str, *positional: str, **keywords: Any) -> str:

@@ -15,6 +15,7 @@ from typing import Any
 import numpy as np
 
 from pnp_sci import metrics
+from pnp_sci.accel.memory import peak_memory
 from pnp_sci.advice.recommend import calibrate, calibrate_networks
 from pnp_sci.bench.cases import Case
 from pnp_sci.bench.methods import Method
@@ -141,7 +142,7 @@ def measure(case: Case, method: Method, repeat: int = 1) -> Row:
     brief.run(one, its)  # compiles kernels that small arrays do not use
     results = [method.run(scene.y, scene.masks, reference=scene.truth) for _ in range(repeat)]
     seconds = tuple(result.settings["seconds"] / count for result in results)
-    peak = _peak_mib()
+    peak = None if (taken := peak_memory()) is None else taken / 2**20
     middle = results[int(np.argsort(seconds)[(repeat - 1) // 2])]
     psnr, ssim = scores(middle.x, scene.truth)
     return Row(
@@ -246,17 +247,3 @@ def _seconds(call: Any) -> float:
     start = time.perf_counter()
     call()
     return time.perf_counter() - start
-
-
-def _peak_mib() -> float | None:
-    """Largest resident memory of this process in MiB, or None. On Linux, ru_maxrss includes the parent at the fork."""
-    status = Path("/proc/self/status")
-    if status.exists():
-        lines = dict(line.split(":", 1) for line in status.read_text().splitlines())
-        return int(lines["VmHWM"].split()[0]) / 1024
-    try:
-        import resource
-    except ImportError:  # Windows
-        return None
-    unit = 1 if sys.platform == "darwin" else 1024  # bytes on macOS, KiB elsewhere
-    return resource.getrusage(resource.RUSAGE_SELF).ru_maxrss * unit / 2**20

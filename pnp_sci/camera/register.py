@@ -16,7 +16,7 @@ from pnp_sci.camera.registration import Registration
 from pnp_sci.camera.search import search, trusted, whole_pixels
 from pnp_sci.camera.warp import ORDERS, Transform
 from pnp_sci.errors import InputError
-from pnp_sci.sensing.operator import SensingOperator, as_masks
+from pnp_sci.sensing.operator import as_masks
 from pnp_sci.sensing.problem import check_measurement
 
 LEAST = 2  # blocks a side
@@ -88,7 +88,7 @@ def register(
     (-1.0, 2.0)
     """
     measurements = check_measurement(y).astype(np.float64)
-    given = masks.masks if isinstance(masks, SensingOperator) else as_masks(masks)
+    given = as_masks(masks)
     _check(measurements, given, each_view, interpolation)
     chosen = measurements[np.unique(np.linspace(0, len(measurements) - 1, MOST).astype(int))]
     kinds = ORDERS if interpolation == "auto" else [interpolation]
@@ -122,7 +122,7 @@ def registration_for(asked: bool | Registration, y: np.ndarray, masks: Any) -> R
     """The registration that an argument `register` of :func:`pnp_sci.solve` stands for."""
     if not isinstance(asked, Registration):
         return register(y, masks) if asked else None
-    given = masks.masks if isinstance(masks, SensingOperator) else as_masks(masks)
+    given = as_masks(masks)
     if not np.array_equal(asked.given, given):
         raise InputError("register is a registration of other masks: one of these masks, True or False was expected")
     return asked

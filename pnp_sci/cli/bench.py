@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any
 import click
 
 from pnp_sci.cli.kinds import FIGURE, FOLDER, Command, Output
-from pnp_sci.cli.options import interactive
+from pnp_sci.cli.options import interactive, words
 from pnp_sci.errors import SolverError
 
 if TYPE_CHECKING:
@@ -93,11 +93,9 @@ def bench(
         pairs = tables.plan()
     else:
         methods = table.grid(
-            _words(priors), _words(inits), _words(algorithms), _words(efforts), iterations, _words(decoders)
+            words(priors), words(inits), words(algorithms), words(efforts), iterations, words(decoders)
         )
-        pairs = [
-            (case, method) for case in table.expand(_words(cases), noise, frames, **of_files) for method in methods
-        ]
+        pairs = [(case, method) for case in table.expand(words(cases), noise, frames, **of_files) for method in methods]
         if not pairs:
             raise click.UsageError("nothing to measure: --cases, and --priors or --decoders were expected")
     results = table.Results(out) if out is not None else None
@@ -137,7 +135,3 @@ def _measured(
                 results.add(row)
         rows.append(row)
     return rows, failures
-
-
-def _words(text: str) -> list[str]:
-    return [word for word in text.split(",") if word]

@@ -9,7 +9,7 @@ import click
 
 from pnp_sci.cli.inputs import masks_for, of_one, one_of, true_video
 from pnp_sci.cli.kinds import FILE, PAGE, SEED, Command, Output
-from pnp_sci.cli.options import bad_pixels, camera, camera_options, interactive
+from pnp_sci.cli.options import bad_pixels, camera, camera_options, interactive, words
 
 if TYPE_CHECKING:
     from pnp_sci.bench import Trial
@@ -28,6 +28,7 @@ if TYPE_CHECKING:
 @click.option("--inits", default="auto", show_default=True, help="Comma-separated first estimates.")
 @click.option("--algorithms", default="gap", show_default=True, help="Comma-separated: gap, plain-gap, admm.")
 @click.option("--efforts", default="balanced", show_default=True, help="Comma-separated: fast, balanced, best.")
+@click.option("--decoders", default="", help="Comma-separated networks that decode alone.")
 @click.option("--iterations", type=click.IntRange(min=1), help="At most so many.  [default: as the effort says]")
 @camera_options
 @click.option("--device", help="For priors that are networks, such as cuda.")
@@ -59,9 +60,10 @@ def compare(
 ) -> None:
     """Compare methods on MEASUREMENT.
 
-    All combinations of priors, first estimates, algorithms and efforts are tried. Prints seconds, residual and a score
-    that needs no truth (higher is better: pixels of the measurement that were kept from a method are predicted); PSNR
-    and SSIM where the truth is given. Exit code 1 if one of them fails; the others are reported all the same.
+    Methods are the --decoders, and all combinations of --priors, --inits, --algorithms and --efforts. Prints seconds,
+    residual and a score that needs no truth (higher is better: pixels of the measurement that were kept from a method
+    are predicted); PSNR and SSIM where the truth is given. Exit code 1 if one of them fails; the others are reported
+    all the same.
     """
     sensor = camera(noise, gain, full_scale, bits)
     from pnp_sci import bench, io
@@ -78,7 +80,7 @@ def compare(
     result = bench.compare(
         y,
         masks,
-        bench.grid(iterations=iterations, **{name: words.split(",") for name, words in grid.items()}),
+        bench.grid(iterations=iterations, **{name: words(text) for name, text in grid.items()}),
         reference=truth,
         source=bench.Source(measurement, masks_file or measurement, views, key, masks_key, index, bad, each),
         progress=interactive(),

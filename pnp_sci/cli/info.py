@@ -8,8 +8,8 @@ from typing import TYPE_CHECKING
 
 import click
 
-from pnp_sci.cli.kinds import FILE
-from pnp_sci.errors import FormatError, InputError, UnknownPluginError
+from pnp_sci.cli.kinds import FILE, POSITIVE
+from pnp_sci.errors import FormatError, UnknownPluginError
 
 if TYPE_CHECKING:
     import numpy as np
@@ -93,11 +93,11 @@ def priors() -> None:
 
 
 @click.command()
-@click.argument("seconds", type=click.FloatRange(min=0, min_open=True))
+@click.argument("budget_seconds", type=POSITIVE)
 @click.option("--like", default="dualview", show_default=True, help="dualview, singleview, a scene, or VxBxHxW.")
 @click.option("--results", type=FILE, help="File written by `pnp-sci bench`.  [default: what comes with the package]")
-def recommend(seconds: float, like: str, results: Path | None) -> None:
-    """Name the best method that takes so many SECONDS here.
+def recommend(budget_seconds: float, like: str, results: Path | None) -> None:
+    """Name the best method that takes at most BUDGET_SECONDS here.
 
     The seconds are those of one measurement on this machine.
     """
@@ -105,10 +105,7 @@ def recommend(seconds: float, like: str, results: Path | None) -> None:
 
     sides = like.split("x")
     size = tuple(map(int, sides)) if len(sides) == 4 and all(side.isdigit() for side in sides) else like
-    try:
-        advice = choose(seconds, size, results)
-    except InputError as error:
-        raise InputError(str(error).replace("budget_seconds", "SECONDS")) from error
+    advice = choose(budget_seconds, size, results)
     click.echo(f"{advice.python}\n{advice.psnr:.2f} dB on {', '.join(advice.cases)}; {advice.seconds:.2g} s here")
 
 

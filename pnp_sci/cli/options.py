@@ -94,6 +94,11 @@ def pairs(options: tuple[str, ...]) -> dict[str, Any]:
     return pairs
 
 
+def words(text: str) -> list[str]:
+    """``"tv,flow"`` -> ``["tv", "flow"]``; none of ``""``."""
+    return [word for word in text.split(",") if word]
+
+
 def stages(text: str) -> str | list[tuple[str, int]]:
     """``"tv:60,wavelet:20"`` -> stages; anything else is a name."""
     if ":" not in text:

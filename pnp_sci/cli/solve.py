@@ -24,7 +24,7 @@ from pnp_sci.cli.outputs import SAVED, SHOWN, White, check_white, named, print_s
 @solver_options
 @camera_options
 @click.option("--register", is_flag=True, help="First move the masks to where the measurement has them.")
-@click.option("--time-budget", type=click.FloatRange(min=0, min_open=True), help="Seconds to stop after.")
+@click.option("--time-budget", type=POSITIVE, help="Seconds to stop after.")
 @click.option("--device", help="Where it runs, such as cuda.")
 @click.option("--backend", help="numba or torch.  [default: torch where the device is not the CPU]")
 @click.option("--threads", type=click.IntRange(min=1), help="At most so many.  [default: one a core]")

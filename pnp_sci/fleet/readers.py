@@ -1,10 +1,14 @@
-"""Formats that are read in parts. For each: an array-like that knows its shape and dtype, and a reader of its parts."""
+"""Formats that are read in parts. For each: an array-like that knows its shape and dtype, and a reader of its parts.
+
+A reader can be pickled. ``reader(start, stop)`` returns measurements `start` to `stop` - 1, (n, H, W).
+"""
 
 from __future__ import annotations
 
 import logging
-from collections.abc import Iterable, Mapping
+from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass
+from functools import partial
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -16,6 +20,7 @@ from pnp_sci.formats.tiff import check_as_displayed, decoding
 from pnp_sci.formats.zarr import library
 
 _log = logging.getLogger("pnp_sci")
+Reader = Callable[[int, int], np.ndarray]
 NAMES = ("meas", "y", "measurement")  # of measurements, where a file has several arrays
 
 
@@ -31,32 +36,14 @@ def part(array: Any, start: int, stop: int) -> np.ndarray:
     return np.asarray(array[start:stop]) if len(array.shape) == 3 else np.asarray(array[...])[None]
 
 
-@dataclass(frozen=True, eq=False)
-class Whole:
-    """Reader of an array-like."""
-
-    array: Any
-
-    def __call__(self, start: int, stop: int) -> np.ndarray:
-        """Measurements `start` to `stop` - 1, (n, H, W)."""
-        return part(self.array, start, stop)
-
-
-@dataclass(frozen=True)
-class NPY:
-    """Reader of a file that is mapped into memory."""
-
-    path: Path
-
-    def __call__(self, start: int, stop: int) -> np.ndarray:
-        """Measurements `start` to `stop` - 1, (n, H, W)."""
-        return np.array(part(np.load(self.path, mmap_mode="r", allow_pickle=False), start, stop))
-
-
-def npy(path: Path, key: str | None) -> tuple[Head, NPY]:
-    """An NPY file."""
+def npy(path: Path, key: str | None) -> tuple[Head, Reader]:
+    """An NPY file, which is mapped into memory."""
     array = np.load(path, mmap_mode="r", allow_pickle=False)
-    return Head(array.shape, array.dtype), NPY(path)
+    return Head(array.shape, array.dtype), partial(_of_npy, path)
+
+
+def _of_npy(path: Path, start: int, stop: int) -> np.ndarray:
+    return np.array(part(np.load(path, mmap_mode="r", allow_pickle=False), start, stop))
 
 
 def of_memmap(source: Any) -> Path | None:
@@ -72,28 +59,20 @@ def of_memmap(source: Any) -> Path | None:
     return path if same else None
 
 
-@dataclass(frozen=True)
-class HDF5:
-    """Reader of a dataset."""
-
-    path: Path
-    key: str
-
-    def __call__(self, start: int, stop: int) -> np.ndarray:
-        """Measurements `start` to `stop` - 1, (n, H, W)."""
-        with opened(self.path) as file:
-            others_of(self.key, file[self.key])
-            return part(file[self.key], start, stop)
-
-
-def hdf5(path: Path, key: str | None) -> tuple[Head, HDF5]:
+def hdf5(path: Path, key: str | None) -> tuple[Head, Reader]:
     """A dataset of an HDF5 file."""
     with opened(path) as file:
         found: dict[str, Head] = {}
         file.visititems(lambda name, item: found.update(_head(name, item)))
         name = chosen(path, found, key)
         others_of(name, file[name])
-    return found[name], HDF5(path, name)
+    return found[name], partial(_of_dataset, path, name)
+
+
+def _of_dataset(path: Path, key: str, start: int, stop: int) -> np.ndarray:
+    with opened(path) as file:
+        others_of(key, file[key])
+        return part(file[key], start, stop)
 
 
 def of_hdf5(source: Any) -> tuple[Path, str] | None:
@@ -103,24 +82,12 @@ def of_hdf5(source: Any) -> tuple[Path, str] | None:
     return Path(source.file.filename).resolve(), source.name.lstrip("/")
 
 
-@dataclass(frozen=True)
-class Zarr:
-    """Reader of an array in a folder."""
-
-    path: Path
-    key: str
-
-    def __call__(self, start: int, stop: int) -> np.ndarray:
-        """Measurements `start` to `stop` - 1, (n, H, W)."""
-        return part(library().open_array(self.path, path=self.key, mode="r"), start, stop)
-
-
-def in_zarr(path: Path, key: str | None) -> tuple[Head, Zarr]:
+def in_zarr(path: Path, key: str | None) -> tuple[Head, Reader]:
     """An array in zarr's folder, itself or in a group."""
     node = library().open(path, mode="r")
     if not hasattr(node, "array_keys"):
         _warn_of_gaps(path, node)
-        return Head(node.shape, node.dtype), Zarr(path, "")
+        return Head(node.shape, node.dtype), partial(_of_folder, path, "")
     found = dict(
         pair
         for name, item in sorted(node.members(max_depth=None), key=lambda member: member[0])
@@ -128,7 +95,11 @@ def in_zarr(path: Path, key: str | None) -> tuple[Head, Zarr]:
     )
     name = chosen(path, found, key)
     _warn_of_gaps(path, node[name])
-    return found[name], Zarr(path, name)
+    return found[name], partial(_of_folder, path, name)
+
+
+def _of_folder(path: Path, key: str, start: int, stop: int) -> np.ndarray:
+    return part(library().open_array(path, path=key, mode="r"), start, stop)
 
 
 def _warn_of_gaps(path: Path, array: Any) -> None:
@@ -138,11 +109,11 @@ def _warn_of_gaps(path: Path, array: Any) -> None:
         _log.warning(said, path, gaps, array.nchunks, array.fill_value)
 
 
-def of_zarr(source: Any) -> Zarr | None:
+def of_zarr(source: Any) -> Reader | None:
     """The reader of an open array that is in a folder; None of anything else."""
     place: Any = getattr(source, "store_path", None)
     root = getattr(getattr(place, "store", None), "root", None)
-    return Zarr(root.resolve(), place.path) if isinstance(root, Path) else None
+    return partial(_of_folder, root.resolve(), place.path) if isinstance(root, Path) else None
 
 
 def is_stored(array: Any) -> bool:
@@ -151,17 +122,9 @@ def is_stored(array: Any) -> bool:
     return type(store).__name__ in ("FsspecStore", "ObjectStore", "ZipStore")
 
 
-@dataclass(frozen=True)
-class Stack:
-    """Reader of a TIFF whose values lie one after the other, from `offset` on."""
-
-    path: Path
-    head: Head
-    offset: int
-
-    def __call__(self, start: int, stop: int) -> np.ndarray:
-        """Measurements `start` to `stop` - 1, (n, H, W)."""
-        return np.array(np.memmap(self.path, self.head.dtype, "r", self.offset, self.head.shape)[start:stop])
+def _of_stack(path: Path, head: Head, offset: int, start: int, stop: int) -> np.ndarray:
+    """Of a TIFF whose values lie one after the other, from `offset` on."""
+    return np.array(np.memmap(path, head.dtype, "r", offset, head.shape)[start:stop])
 
 
 @dataclass(frozen=True)
@@ -187,7 +150,7 @@ def _check_there(path: Path, pages: Iterable[Any]) -> None:
         raise FormatError(f"{path}: some of its pictures are in other files, which are not there")
 
 
-def tiff(path: Path, key: str | None) -> tuple[Head, Stack | Pages]:
+def tiff(path: Path, key: str | None) -> tuple[Head, Reader]:
     """The pages of a TIFF."""
     import tifffile
 
@@ -197,7 +160,7 @@ def tiff(path: Path, key: str | None) -> tuple[Head, Stack | Pages]:
         if len(file.series) == 1 and series.dataoffset is not None and "S" not in series.axes:
             stack = tifffile.memmap(path, mode="r")
             head = Head((stack.size // int(np.prod(stack.shape[-2:])), *stack.shape[-2:]), stack.dtype)
-            return head, Stack(path, head, stack.offset)
+            return head, partial(_of_stack, path, head, stack.offset)
         elsewhere = len(file.series) == 1 and any(page is None or page.parent is not file for page in series.pages)
         pages: Any = series.pages if elsewhere else file.pages
         _check_there(path, pages)

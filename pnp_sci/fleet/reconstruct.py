@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import inspect
 import logging
-from collections.abc import Iterator
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -23,7 +22,6 @@ from pnp_sci.pipeline.progress import bar
 from pnp_sci.pipeline.provenance import digest
 from pnp_sci.pipeline.request import check_request
 from pnp_sci.plugins import registry
-from pnp_sci.sensing.operator import SensingOperator
 from pnp_sci.sensing.problem import check_bad, check_operator
 
 _log = logging.getLogger("pnp_sci.fleet")
@@ -95,7 +93,7 @@ def reconstruct(
     sequence = None if sequence is None else whole("sequence", sequence, 1)
     workers = cores() if workers is None else whole("workers", workers, 1)
     instance("progress", progress, bool)
-    opened, planes = open_source(source, key), as_masks(masks.masks if isinstance(masks, SensingOperator) else masks)
+    opened, planes = open_source(source, key), as_masks(masks)
     _check(opened, planes, preview, options)
     settings, path = settings_of(opened, planes, sequence, options), Path(out).resolve()
     if path.exists():
@@ -172,24 +170,20 @@ def _run(team: Any, job: Job, missing: np.ndarray, progress: bool) -> None:
             estimate.check(out)
         if job.preview and len(rest):
             _preview(team, job, rest, progress)
-        team.run(_chunks(job, rest), done)
+        team.run(map(job.chunk, rest), done)
 
 
 def _preview(team: Any, job: Job, starts: np.ndarray, progress: bool) -> None:
     """Quick results of the chunks that have none."""
-    chunks = (chunk for chunk in _chunks(job, starts) if not _done(job, chunk, preview=True))
+    chunks = (chunk for chunk in map(job.chunk, starts) if not _done(job, chunk, preview=True))
     with bar(desc=f"preview by {job.preview}", unit="measurement", shown=progress) as previewed:
         team.run(chunks, lambda chunk, facts: previewed.update(chunk.stop - chunk.start), preview=True)
-
-
-def _chunks(job: Job, starts: np.ndarray) -> Iterator[Chunk]:
-    return map(job.chunk, starts)
 
 
 def _estimate(team: Any, job: Job, first: Chunk, rest: np.ndarray, taken: dict[str, Any]) -> Estimate:
     """What the chunks that are left take, if each is like the first; a preview is written over."""
     out, arrays = Path(job.store), (store.VIDEO, store.ERRORS)
-    left = sum(chunk.stop - chunk.start for chunk in _chunks(job, rest))
+    left = sum(chunk.stop - chunk.start for chunk in map(job.chunk, rest))
     disk = sum(store.stored_bytes(out, n, arrays) for n in range(*first)) / (first.stop - first.start) * left
     return Estimate(
         left,

@@ -3,9 +3,9 @@
 from __future__ import annotations
 
 import logging
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
-from functools import lru_cache
+from functools import lru_cache, partial
 from pathlib import Path
 from typing import Any
 
@@ -17,9 +17,9 @@ from pnp_sci.errors import FormatError, InputError, InputTypeError
 from pnp_sci.fleet import readers
 from pnp_sci.formats.arrays import READABLE
 from pnp_sci.formats.pictures import numbered
+from pnp_sci.formats.plain import some
 from pnp_sci.formats.zarr import is_store
 
-Reader = Callable[[int, int], np.ndarray]
 SUFFIXES = {*readers.IN_PARTS, *READABLE}
 
 _log = logging.getLogger("pnp_sci")
@@ -80,10 +80,10 @@ def open_source(source: Any, key: str | None = None) -> Source:
         return _measurements("source", source, zarr)
     if not (hasattr(source, "shape") and hasattr(source, "dtype") and hasattr(source, "__getitem__")):
         source = real_array("source", source)
-    return _measurements("source", source, readers.Whole(source), travels=readers.is_stored(source))
+    return _measurements("source", source, partial(readers.part, source), travels=readers.is_stored(source))
 
 
-def _measurements(name: str, array: Any, reader: Reader, travels: bool = True) -> Source:
+def _measurements(name: str, array: Any, reader: readers.Reader, travels: bool = True) -> Source:
     """A source of an array-like (N, H, W) or (H, W); `reader` takes care of the latter."""
     shape, dtype = tuple(int(length) for length in array.shape), np.dtype(array.dtype)
     if dtype.kind not in "biuf":
@@ -101,7 +101,7 @@ def _of_path(path: Path, key: str | None) -> Source:
         return _joined(_files_in(path), key)
     suffix = ".zarr" if path.is_dir() else path.suffix.lower()
     if suffix not in readers.IN_PARTS:
-        return _measurements(str(path), _whole(path, key, *_stamp(path)), _WholeFile(path, key))
+        return _measurements(str(path), _whole(path, key, *_stamp(path)), partial(_of_whole, path, key))
     try:
         head, reader = readers.IN_PARTS[suffix](path, key)
     except (FormatError, ImportError, PermissionError):
@@ -120,9 +120,7 @@ def _files_in(folder: Path) -> list[Path]:
     if not known:
         raise FormatError(f"{folder}: the folder has no files of these kinds: {', '.join(sorted(SUFFIXES))}")
     if others:
-        shown = ", ".join(file.name for file in others[:5]) + (
-            f" and {len(others) - 5} more" if len(others) > 5 else ""
-        )
+        shown = some([file.name for file in others], 5)
         _log.warning("%s: these files are no measurements, and are left out: %s", folder, shown)
     return known
 
@@ -138,21 +136,13 @@ def _whole(path: Path, key: str | None, changed: int, size: int) -> np.ndarray:
     return io.read_measurement(path, key)
 
 
+def _of_whole(path: Path, key: str | None, start: int, stop: int) -> np.ndarray:
+    return readers.part(_whole(path, key, *_stamp(path)), start, stop)
+
+
 @lru_cache(maxsize=1)
 def _opened(path: Path, key: str | None, changed: int, size: int) -> Source:
     return _of_path(path, key)
-
-
-@dataclass(frozen=True)
-class _WholeFile:
-    """Of a format that is read at once."""
-
-    path: Path
-    key: str | None
-
-    def __call__(self, start: int, stop: int) -> np.ndarray:
-        array = _whole(self.path, self.key, *_stamp(self.path))
-        return (array if array.ndim == 3 else array[None])[start:stop]
 
 
 @dataclass(frozen=True, eq=False)

@@ -14,10 +14,9 @@ import numpy as np
 from pnp_sci.errors import FormatError, InputError
 from pnp_sci.formats.plain import as_json, finite
 from pnp_sci.formats.replacing import check_writable, replacing
-from pnp_sci.formats.zarr import library
+from pnp_sci.formats.zarr import AXES, MARK, library, ome
 
 VIDEO, ERRORS, MASKS, RECORDS = "0", "uncertainty", "masks", "records"
-AXES = {"t": "time", "c": "channel", "y": "space", "x": "space"}
 FORMAT = 1  # of records and settings
 
 
@@ -29,7 +28,8 @@ def create(path: Path, masks: np.ndarray, settings: dict[str, Any], uncertainty:
     check_writable(path)
     views, frames, rows, columns = masks.shape
     with replacing(path) as temporary:
-        group = library().create_group(temporary, attributes=_metadata(path.stem, settings))
+        attributes = {"ome": ome(path.stem, VIDEO), MARK: {"format": FORMAT, "settings": settings}}
+        group = library().create_group(temporary, attributes=attributes)
         for name in (VIDEO, ERRORS) if uncertainty else (VIDEO,):
             group.create_array(
                 name,
@@ -43,16 +43,6 @@ def create(path: Path, masks: np.ndarray, settings: dict[str, Any], uncertainty:
         group.create_group(RECORDS)
 
 
-def _metadata(name: str, settings: dict[str, Any]) -> dict[str, Any]:
-    scale = [{"type": "scale", "scale": [1.0] * len(AXES)}]
-    images = {
-        "name": name,
-        "axes": [{"name": axis, "type": kind} for axis, kind in AXES.items()],
-        "datasets": [{"path": VIDEO, "coordinateTransformations": scale}],
-    }
-    return {"ome": {"version": "0.5", "multiscales": [images]}, "pnp_sci": {"format": FORMAT, "settings": settings}}
-
-
 def settings_in(path: Path) -> dict[str, Any]:
     """The settings of an existing result.
 
@@ -62,7 +52,7 @@ def settings_in(path: Path) -> dict[str, Any]:
         If it is none.
     """
     try:
-        attributes = json.loads((path / "zarr.json").read_text(encoding="utf-8"))["attributes"]["pnp_sci"]
+        attributes = json.loads((path / "zarr.json").read_text(encoding="utf-8"))["attributes"][MARK]
         if attributes["format"] > FORMAT:
             raise FormatError(f"{path} has format {attributes['format']}, {FORMAT} at most was expected")
         return attributes["settings"]

@@ -3,8 +3,6 @@
 from __future__ import annotations
 
 import logging
-import re
-import sys
 import threading
 import time
 from collections.abc import Iterator
@@ -15,6 +13,7 @@ from typing import Any
 import numpy as np
 
 from pnp_sci._optional import needed_for
+from pnp_sci.accel.memory import peak_memory
 from pnp_sci.accel.threads import limited
 from pnp_sci.api import decode, solve
 from pnp_sci.errors import InputError
@@ -53,8 +52,8 @@ def solve_chunk(job_name: str, chunk: Chunk, y: np.ndarray | None, preview: bool
     Returns
     -------
     dict
-        "errors", the number of measurements that failed, and if `measure`, "seconds" and "memory" in bytes, both
-        without what only the first chunk of a process takes.
+        "errors", the number of measurements that failed, and unless all did, "seconds" and "memory" in bytes. If
+        `measure`, the seconds are without those that only the first chunk of a process takes.
     """
     plugin: Any = get_worker().plugins[job_name]
     job: Job = plugin.job
@@ -91,7 +90,8 @@ def solve_chunk(job_name: str, chunk: Chunk, y: np.ndarray | None, preview: bool
         store.put_record(path, n, {"measurement": n} | _facts_of(result, y, n - around.start) | each)
     for n in black:
         put_failures(path, Chunk(n, n + 1), facts, nothing)
-    return {"errors": len(black), "seconds": seconds, "memory": peak_memory()}
+    memory = peak_memory() or getattr(psutil.Process().memory_info(), "peak_wset")  # noqa: B009, only on Windows
+    return {"errors": len(black), "seconds": seconds, "memory": memory}
 
 
 def _reconstruct(job: Job, y: np.ndarray, preview: bool, **more: Any) -> Result:
@@ -144,15 +144,3 @@ def _collected_warnings() -> Iterator[list[str]]:
         yield texts
     finally:
         _log.removeHandler(handler)
-
-
-def peak_memory() -> int:
-    """Largest memory of this process so far, in bytes."""
-    status = Path("/proc/self/status")  # of Linux, where ru_maxrss includes the parent before exec
-    if status.exists() and (found := re.search(r"VmHWM:\s*(\d+) kB", status.read_text())):
-        return 1024 * int(found[1])
-    try:
-        import resource
-    except ImportError:  # Windows
-        return getattr(psutil.Process().memory_info(), "peak_wset")  # noqa: B009, only there
-    return resource.getrusage(resource.RUSAGE_SELF).ru_maxrss * (1 if sys.platform == "darwin" else 1024)

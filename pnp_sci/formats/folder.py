@@ -10,6 +10,7 @@ import numpy as np
 
 from pnp_sci.errors import FormatError, InputError
 from pnp_sci.formats.pictures import load_png, numbered, save_png
+from pnp_sci.formats.plain import some
 from pnp_sci.formats.tiff import load as load_tiff
 
 KNOWN = {".png", ".tif", ".tiff"}
@@ -27,17 +28,13 @@ def load(path: Path, colour: bool = False) -> np.ndarray:
     if not files:
         raise FormatError(f"{path}: the folder has no pictures; known are {', '.join(sorted(KNOWN))}")
     if others := [f.name for f in there if f not in files]:
-        _log.warning("%s: these files are no pictures of known kinds, and are left out: %s", path, _some(others))
+        _log.warning("%s: these files are no pictures of known kinds, and are left out: %s", path, some(others, 5))
     _check_order(path, files)
     frames = [_only(f, (load_png if f.suffix.lower() == ".png" else _of_tiff)(f, colour), 2 + colour) for f in files]
     kinds = {(frame.shape, str(frame.dtype)) for frame in frames}
     if len(kinds) > 1:
         raise FormatError(f"{path}: the pictures have different sizes or types: {sorted(kinds)}")
     return np.stack(frames)
-
-
-def _some(names: list[str]) -> str:
-    return ", ".join(names[:5]) + (f" and {len(names) - 5} more" if len(names) > 5 else "")
 
 
 def _check_order(path: Path, files: list[Path]) -> None:

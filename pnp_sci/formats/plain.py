@@ -1,15 +1,25 @@
-"""Values as JSON can hold them."""
+"""Values as JSON can hold them, and as texts that are not too long."""
 
 from __future__ import annotations
 
 import json
 import math
+from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
 from pnp_sci.errors import InputTypeError
+
+
+def some(texts: Sequence[str], most: int) -> str:
+    """The first of several texts, `most` at most.
+
+    >>> some(["a", "b", "c", "d"], 2)
+    'a, b and 2 more'
+    """
+    return ", ".join(texts[:most]) + (f" and {len(texts) - most} more" if len(texts) > most else "")
 
 
 def finite(value: Any) -> Any:

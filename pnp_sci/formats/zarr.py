@@ -12,7 +12,7 @@ import numpy as np
 from pnp_sci._optional import needed_for
 from pnp_sci.errors import FormatError
 
-AXES = "t", "c", "y", "x"  # OME-Zarr wants time first
+AXES = {"t": "time", "c": "channel", "y": "space", "x": "space"}  # OME-Zarr wants time first
 MARK = "pnp_sci"  # attribute of the stores that this package writes
 Named = tuple[np.ndarray, tuple[str, ...], tuple[int, ...]]  # array, names of its dimensions, shape of a chunk
 
@@ -31,7 +31,8 @@ def is_store(path: Path) -> bool:
 
 def save(path: Path, arrays: Mapping[str, Named], texts: Mapping[str, Any]) -> None:
     """Write a group of arrays with `texts` as attribute; "video", of axes (t, c, y, x), is the image of OME-Zarr."""
-    group = library().open_group(path, mode="w-", zarr_format=3, attributes={MARK: dict(texts), "ome": _ome()})
+    attributes = {MARK: dict(texts), "ome": ome("video", "video")}
+    group = library().open_group(path, mode="w-", zarr_format=3, attributes=attributes)
     for name, (array, dims, chunk) in arrays.items():
         made = group.create_array(
             name,
@@ -79,11 +80,11 @@ def load(path: Path) -> tuple[dict[str, np.ndarray], dict[str, Any]]:
     return {name: np.asarray(item[...]) for name, item in group.arrays()}, texts
 
 
-def _ome() -> dict[str, Any]:
-    kinds = "time", "channel", "space", "space"
+def ome(name: str, path: str) -> dict[str, Any]:
+    """The metadata of an image of this name, whose array is at `path` in its group."""
     image = {
-        "name": "video",
-        "axes": [{"name": name, "type": kind} for name, kind in zip(AXES, kinds)],
-        "datasets": [{"path": "video", "coordinateTransformations": [{"type": "scale", "scale": [1.0] * len(AXES)}]}],
+        "name": name,
+        "axes": [{"name": axis, "type": kind} for axis, kind in AXES.items()],
+        "datasets": [{"path": path, "coordinateTransformations": [{"type": "scale", "scale": [1.0] * len(AXES)}]}],
     }
     return {"version": "0.5", "multiscales": [image]}

@@ -18,6 +18,7 @@ from pnp_sci.camera.register import registration_for
 from pnp_sci.camera.registration import Registration
 from pnp_sci.camera.residual import unexplained
 from pnp_sci.errors import InputError
+from pnp_sci.results.words import counted
 from pnp_sci.sensing.mosaic import Mosaic, check_cells, planes
 from pnp_sci.sensing.operator import SensingOperator
 from pnp_sci.sensing.problem import (
@@ -168,7 +169,7 @@ class Input:
         fits = check_all(self.ops, self.measurements, sensor, self.bad, warn_of_bad=not self.find_bad)
         if not _told.get():
             for text, numbers in _by_warning(fits).items():
-                several = f"measurement{'s' * (len(numbers) > 1)} {', '.join(map(str, numbers))}: "
+                several = f"measurement{'s' * (len(numbers) > 1)} {counted(numbers)}: "
                 _log.warning("%s%s", several if len(fits) > 1 else "", text)
         return fits
 
@@ -195,7 +196,7 @@ def told() -> Iterator[None]:
 def _by_warning(fits: list[Fit]) -> dict[str, list[int]]:
     """Each kind of warning, as the first measurement has it, with the numbers of all that have it."""
     texts: dict[str, tuple[str, list[int]]] = {}
-    for n, fit in enumerate(fits, 1):
+    for n, fit in enumerate(fits):
         for finding in fit.findings:
             texts.setdefault(finding.kind, (str(finding), []))[1].append(n)
     return dict(texts.values())

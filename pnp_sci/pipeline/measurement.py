@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, replace
 from typing import Any
 
@@ -21,12 +21,13 @@ from pnp_sci.pipeline.unseen import Unseen
 from pnp_sci.plugins.combine import InTurn
 from pnp_sci.results.history import Record, Status
 from pnp_sci.scene.choose import choose_scene
+from pnp_sci.sensing.operator import SensingOperator
 from pnp_sci.sensing.problem import Problem, level
 from pnp_sci.sensing.scene_model import SceneModel, full
 from pnp_sci.sensing.sequence import joined, split
 from pnp_sci.solvers.iterate import ALGORITHMS, states
 from pnp_sci.solvers.pace import in_time, remember
-from pnp_sci.solvers.plan import make_plan
+from pnp_sci.solvers.plan import Plan, make_plan
 from pnp_sci.solvers.run import run
 from pnp_sci.solvers.state import Array, Operator, State, length, start
 from pnp_sci.solvers.stopping import explains, held, noise_floor, relative_residual
@@ -96,13 +97,7 @@ def reconstruct(
     begin = _first(problems, request, window, scene, may_decode(traits, deadline), deadline)
     name, decoded, x, remarks = begin.name, begin.decoded, begin.x, begin.remarks
     del begin  # the first estimate is freed after the first step, but for a decoder's
-    plan = make_plan(
-        reduced, joint.noise, request.prior,
-        algorithm=request.algorithm, effort=request.counted,
-        iterations=request.iterations, sigma=request.sigma, tol=request.tol, decoded=decoded, deadline=deadline,
-    )  # fmt: skip
-    backend = request.backend
-    plan = in_time(plan, reduced, joint.y, backend)
+    plan, backend = _plan(request, reduced, joint, decoded, deadline), request.backend
     told = Unseen(joint, reduced, plan, traits.strong and request.sigma is None, backend)
     watch.expect(plan.iterations)
 
@@ -132,11 +127,13 @@ def reconstruct(
             put(video, own, problem.unit)
         facts = session.facts()
     own = [told.of(problem) for problem in window.of_kept(problems)]
-    scenes = [_found(scene, problem, facts, remarks + _unexplained(joint, status, records)) for problem in own]
+    remarks = remarks + _unexplained(joint, status, records)
+    scenes = [found(scene, problem, facts.get("still", []), remarks) for problem in own]
     records = [replace(record, measurement=window.kept.start) for record in records]
     if truth and records:
         _compare(truth, window.kept, out, records, scenes)
-    return Outcome(own, status, records, scenes, told.describe(plan), name, finish.shares, _weights(facts), scene)
+    weights = list(facts.get("weights", []))
+    return Outcome(own, status, records, scenes, told.describe(plan), name, finish.shares, weights, scene)
 
 
 def _first(
@@ -152,16 +149,33 @@ def _first(
         first_estimate(request.init_of(n), problem, scene, decode, request.device, deadline)
         for n, problem in zip(window.seen, problems)
     ]
-    names = {start.name for start in first}
     remarks = next((start.remarks for start in first if start.remarks), [])
     x = joined([scene.restrict(start.x) for start in first])
-    return Start(names.pop() if len(names) == 1 else "auto", x, all(start.decoded for start in first), remarks)
+    return Start(one_or_auto(start.name for start in first), x, all(start.decoded for start in first), remarks)
 
 
-def _found(scene: SceneModel, problem: Problem, facts: Mapping[str, Any], remarks: list[str]) -> dict[str, Any]:
-    """What was found of the scene of a measurement."""
-    found = scene.describe(problem.op) | {"at_rest": scene.at_rest(facts.get("still", []))} | entries(problem)
-    return found | {"remarks": found["remarks"] + remarks}
+def _plan(request: Request, op: SensingOperator, problem: Problem, decoded: bool, deadline: float | None) -> Plan:
+    """The plan for what is modelled of a problem, by its operator; with the pace of its priors if time is limited."""
+    plan = make_plan(
+        op, problem.noise, request.prior,
+        algorithm=request.algorithm, effort=request.counted,
+        iterations=request.iterations, sigma=request.sigma, tol=request.tol, decoded=decoded, deadline=deadline,
+    )  # fmt: skip
+    return in_time(plan, op, problem.y, request.backend)
+
+
+def found(
+    scene: SceneModel, problem: Problem, still: Sequence[float] = (), remarks: Sequence[str] = ()
+) -> dict[str, Any]:
+    """What was found of the scene of a measurement; `still` are the parts of the modelled views that are at rest."""
+    entry = scene.describe(problem.op) | {"at_rest": scene.at_rest(still)} | entries(problem)
+    return entry | {"remarks": [*entry["remarks"], *remarks]}
+
+
+def one_or_auto(names: Iterable[str]) -> str:
+    """The name of the first estimates if all have the same, else "auto"."""
+    different = set(names)
+    return different.pop() if len(different) == 1 else "auto"
 
 
 def _compare(
@@ -171,10 +185,6 @@ def _compare(
     records[-1] = replace(records[-1], ssim=float(np.mean([truth.ssim(v, n) for n, v in zip(kept, videos)])))
     for found, n, video in zip(scenes, kept, videos):
         found["remarks"] += truth.remarks(video, n)
-
-
-def _weights(facts: Mapping[str, Any]) -> list[str]:
-    return list(facts.get("weights", []))
 
 
 def _unexplained(problem: Problem, status: Status, records: Sequence[Record]) -> list[str]:
@@ -214,8 +224,7 @@ def untouched(problems: Sequence[Problem], out: np.ndarray, kept: range, truth: 
         residual = relative_residual(state, length(problem.y) or 1.0, problem.saturated)
         psnr, ssim = (truth.psnr(state.x, n, problem.unit), truth.ssim(video, n)) if truth else (None, None)
         records.append(Record(0, 0.0, residual, float("nan"), psnr, ssim, n))
-        scene = full(problem.op, "not judged: the callback had stopped the solver").describe(problem.op)
-        scenes.append(scene | {"at_rest": [None] * problem.op.shape[0]} | entries(problem))
+        scenes.append(found(full(problem.op, "not judged: the callback had stopped the solver"), problem))
     return Outcome(list(problems), Status.STOPPED, records, scenes, None, "adjoint", [], [])
 
 
@@ -245,10 +254,10 @@ def entries(problem: Problem) -> dict[str, Any]:
 def package_settings(request: Request, outcomes: Sequence[Outcome]) -> dict[str, Any]:
     """The settings of a result that say how it was obtained."""
     solved = [outcome for outcome in outcomes if outcome.plan]
-    starts, plans = {outcome.start for outcome in solved}, [outcome.plan for outcome in solved]
+    plans = [outcome.plan for outcome in solved]
     return request.settings() | {
         "weights": next((outcome.weights for outcome in outcomes if outcome.weights), []),
-        "init": starts.pop() if len(starts) == 1 else "auto",
+        "init": one_or_auto(outcome.start for outcome in solved),
         "share": [outcome.shares for outcome in outcomes],
         "iterations": max((plan["iterations"] for plan in plans if plan), default=0),
         "plan": plans,

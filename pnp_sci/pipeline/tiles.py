@@ -10,7 +10,7 @@ from typing import Any
 
 import numpy as np
 
-from pnp_sci.pipeline.measurement import Outcome, entries, judged_until, reconstruct, untouched
+from pnp_sci.pipeline.measurement import Outcome, entries, judged_until, one_or_auto, reconstruct, untouched
 from pnp_sci.pipeline.noise_of_still import noise_of_still
 from pnp_sci.pipeline.progress import Watch
 from pnp_sci.pipeline.reference import Reference
@@ -143,8 +143,7 @@ def _of_tiles(
     norms = [float(np.linalg.norm([length(problem.y) for problem in outcome.problems])) for outcome in outcomes]
     records = merged([outcome.records for outcome in outcomes], norms)
     scenes = [_scene(each, sizes, problem) for each, problem in zip(zip(*(o.scenes for o in outcomes)), problems)]
-    starts = {outcome.start for outcome in solved}
-    start = starts.pop() if len(starts) == 1 else "auto"
+    start = one_or_auto(outcome.start for outcome in solved)
     shares = np.average([o.shares for o in solved], axis=0, weights=sizes[: len(solved)]).tolist() if solved else []
     if truth:
         scores = [(truth.psnr(video, n), truth.ssim(video, n)) for n, video in zip(window.kept, out)]

@@ -8,7 +8,7 @@ from typing import Any
 
 from pnp_sci.errors import InputError, InputTypeError, UnknownPluginError
 
-_LEARNED = {"torch", "safetensors"}  # what the extra of this name installs
+LEARNED = "torch", "safetensors"  # what networks need, and the extra of this name installs
 BUILT_IN = {"priors": ("auto", "none"), "decoders": ("auto", "adjoint")}  # known without a plugin
 _registered: dict[str, dict[str, Any]] = {"priors": {}, "decoders": {}}
 
@@ -61,7 +61,7 @@ def makers(kind: str) -> dict[str, str]:
 
 def _needs(kind: str, name: str, missing: ModuleNotFoundError) -> str:
     package = str(missing.name).partition(".")[0]
-    wanted = '"pnp-sci[learned]"' if package in _LEARNED else package
+    wanted = '"pnp-sci[learned]"' if package in LEARNED else package
     return (
         f"{kind[:-1]} {name!r} needs the module {missing.name!r}, which is not installed: "
         f"python -m pip install {wanted}"

@@ -21,7 +21,7 @@ def write(path: Path, arrays: dict[str, np.ndarray], texts: dict[str, str]) -> N
 
     def film(a: np.ndarray) -> zarr.Named:
         times_first = a.reshape(-1, *x.shape[-4:]).swapaxes(1, 2).reshape(-1, views, rows, columns)
-        return times_first, zarr.AXES, (frames, 1, rows, columns)
+        return times_first, tuple(zarr.AXES), (frames, 1, rows, columns)
 
     stored = {"history": (history, ("record", "field"), (max(len(history), 1), history.shape[1]))}
     stored |= {name_there: film(arrays[name]) for name, name_there in NAMES.items() if name in arrays}

@@ -22,9 +22,8 @@ Arrays = dict[str, np.ndarray]
 Texts = dict[str, str]
 VIDEOS = "x", "uncertainty"
 
-_EARLIER_STATUSES = {  # sentences that older files hold
+_EARLIER_STATUSES = {  # sentences of version 0.1.0
     "the residual grew: the best iterate before that is returned": Status.DIVERGED,
-    "the residual grew: the last estimate with the smallest residual, up to the noise, is returned": Status.DIVERGED,
     "an iterate was not finite: the last finite one is returned": Status.NOT_FINITE,
 }
 

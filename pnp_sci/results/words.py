@@ -7,13 +7,13 @@ from typing import Any
 
 import numpy as np
 
+from pnp_sci.formats.plain import some
 from pnp_sci.results.history import History, Record
 
 
 def counted(numbers: Sequence[int]) -> str:
     """``[0, 2]`` -> ``"1, 3"``; ten at most."""
-    texts = [str(n + 1) for n in numbers[:10]]
-    return ", ".join(texts) + (f" and {len(numbers) - 10} more" if len(numbers) > 10 else "")
+    return some([str(n + 1) for n in numbers], 10)
 
 
 def in_words(plan: dict[str, Any]) -> str:
@@ -32,7 +32,7 @@ def size(videos: np.ndarray, several: bool) -> str:
     '4 videos of 1 view x 3 frames of 8 x 6 in colour'
     """
     count, views, frames, rows, columns, *colours = videos.shape
-    of_all, colour = f"{count} videos of " * several, " in colour" * bool(colours)
+    of_all, colour = f"{count} video{'s' * (count != 1)} of " * several, " in colour" * bool(colours)
     return f"{of_all}{views} view{'s' * (views != 1)} x {frames} frames of {rows} x {columns}{colour}"
 
 

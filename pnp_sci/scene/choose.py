@@ -12,11 +12,11 @@ from pnp_sci.scene.judge import judge, patience
 from pnp_sci.sensing.problem import Problem
 from pnp_sci.sensing.scene_model import SceneModel, full
 
-QUICK, CAREFUL = (
-    "tv",
-    "flow",
-)  # priors of the estimates that are compared; both with still=False: the scene model is tested
+QUICK = "tv"  # priors of the estimates that are compared, with still=False: the scene model is tested
+CAREFUL = "flow"
 SMALLEST = 32  # pixels a side: smaller pictures show no motion
+TOO_SMALL = f"not judged: a mosaic of fewer than {SMALLEST} pixels a side"
+NOT_INSTALLED = "not judged: the prior {} is not installed"
 
 
 @dataclass(frozen=True)
@@ -57,10 +57,14 @@ def choose_scene(
     if isinstance(scene, SceneModel):
         return scene
     tv, flow = (registry.installed("priors", name) for name in (QUICK, CAREFUL))
-    if scene == "full" or tv is None:
+    if scene == "full":
         return full(problem.op)
-    quick, mosaic = tv(still=False), problem.balance is not None
-    if flow is None or min(problem.op.shape[2:]) < SMALLEST or not (careful or mosaic):
-        return full(problem.op) if mosaic else judge(problem, quick, until=until)
+    if tv is None:
+        return full(problem.op, NOT_INSTALLED.format(QUICK))
+    quick, mosaic, small = tv(still=False), problem.balance is not None, min(problem.op.shape[2:]) < SMALLEST
+    if mosaic and (small or flow is None):
+        return full(problem.op, TOO_SMALL if small else NOT_INSTALLED.format(CAREFUL))
+    if flow is None or small or not (careful or mosaic):
+        return judge(problem, quick, until=until)
     careful_flow = flow(first=patience(problem.op) // 2, still=False, renew=4, displace=False, **asdict(TUNED))
     return judge(problem, quick, careful_flow, each_view, until)

@@ -16,8 +16,15 @@ if TYPE_CHECKING:
 DIMMEST = 0.05  # root of the gram of a pixel, in units of the mean one, below which it counts as unlit
 
 
+def _kernels() -> Any:
+    """The compiled functions: to import the package loads no numba, which takes long."""
+    from pnp_sci.sensing import kernels
+
+    return kernels
+
+
 def as_masks(masks: Any, dtype: np.dtype | None = None) -> np.ndarray:
-    """Masks as a C-ordered array (V, B, H, W) of native byte order.
+    """Masks, or those of an operator, as a C-ordered array (V, B, H, W) of native byte order.
 
     bool becomes uint8, and uint8 stays. Other types become `dtype`, by default float64 for float64 and float32 else.
 
@@ -28,6 +35,8 @@ def as_masks(masks: Any, dtype: np.dtype | None = None) -> np.ndarray:
     InputTypeError
         If the values are not real numbers.
     """
+    if isinstance(masks, SensingOperator):
+        masks = masks.masks
     array = real_array("masks", masks)
     if array.ndim == 3:
         array = array[None]
@@ -53,11 +62,11 @@ class SensingOperator:
 
     Parameters
     ----------
-    masks : array_like, (V, B, H, W) or (B, H, W)
+    masks : array_like, (V, B, H, W) or (B, H, W), or SensingOperator
         Transmission of each mask element, any real values; 3-D masks are a single view. bool and uint8 are stored with
         one byte per element.
     dtype : float32 or float64, optional
-        Type of videos and measurements. By default float64 if masks are float64, else float32.
+        Type of videos and measurements. By default that of an operator, or float64 if masks are float64, else float32.
 
     Attributes
     ----------
@@ -83,6 +92,8 @@ class SensingOperator:
     def __init__(self, masks: Any, dtype: Any = None):
         if dtype is not None and np.dtype(dtype) not in (np.float32, np.float64):
             raise InputTypeError(f"dtype is {np.dtype(dtype)}: float32 or float64 was expected")
+        if isinstance(masks, SensingOperator):
+            dtype = dtype or masks.dtype
         self.masks = as_masks(masks, None if dtype is None else np.dtype(dtype))
         if isinstance(masks, np.ndarray) and np.may_share_memory(self.masks, masks):
             self.masks = self.masks.copy()  # the caller may write to his own, which would make `gram` wrong
@@ -114,10 +125,8 @@ class SensingOperator:
     @cached_property
     def gram(self) -> np.ndarray:
         """The diagonal of Phi Phi^T, (H, W)."""
-        from pnp_sci.sensing import kernels as _kernels
-
         total = np.empty(self.shape[2] * self.shape[3], self.dtype)
-        _kernels.gram(self._planes, total)
+        _kernels().gram(self._planes, total)
         return total.reshape(self.shape[2:])
 
     @property
@@ -128,20 +137,16 @@ class SensingOperator:
 
     def forward(self, x: Any, out: np.ndarray | None = None) -> np.ndarray:
         """Phi x: the measurement (H, W) of a video (V, B, H, W)."""
-        from pnp_sci.sensing import kernels as _kernels
-
         x = self._array("x", x, self.shape)
         y = self._output(out, self.shape[2:])
-        _kernels.forward(self._planes, x.reshape(self._planes.shape), y.reshape(-1))
+        _kernels().forward(self._planes, x.reshape(self._planes.shape), y.reshape(-1))
         return y
 
     def adjoint(self, y: Any, out: np.ndarray | None = None) -> np.ndarray:
         """Phi^T y: the measurement (H, W) times each mask, (V, B, H, W)."""
-        from pnp_sci.sensing import kernels as _kernels
-
         y = self._array("y", y, self.shape[2:])
         x = self._output(out, self.shape)
-        _kernels.adjoint(self._planes, y.reshape(-1), x.reshape(self._planes.shape))
+        _kernels().adjoint(self._planes, y.reshape(-1), x.reshape(self._planes.shape))
         return x
 
     def project(self, x: Any, y: Any, rho: float | np.ndarray = 0.0, out: np.ndarray | None = None) -> np.ndarray:
@@ -169,14 +174,12 @@ class SensingOperator:
         InputError, InputTypeError
             If a shape does not agree with the masks, values are not real, rho is negative, or out cannot be used.
         """
-        from pnp_sci.sensing import kernels as _kernels
-
         x = self._array("x", x, self.shape)
         y = self._array("y", y, self.shape[2:])
         out = self._output(out, self.shape)
         flat = self._planes.shape
         weight = self._weight(rho)
-        _kernels.project(self._planes, x.reshape(flat), y.reshape(-1), weight, out.reshape(flat), out is x)
+        _kernels().project(self._planes, x.reshape(flat), y.reshape(-1), weight, out.reshape(flat), out is x)
         return out
 
     def multiplier(
@@ -192,14 +195,12 @@ class SensingOperator:
         ``q' = (q + pace r) gram / (gram + pace rho);  m = (q' - q) / pace``  for the multiplier q = `dual` and the
         residual r, all (H, W). Where `saturated` is true, q' is 0 or more.
         """
-        from pnp_sci.sensing import kernels as _kernels
-
         after, move = (np.empty(dual.shape, self.dtype) for _ in range(2))
         bounds = np.empty(0, bool) if saturated is None else saturated.reshape(-1)
         with np.errstate(over="ignore"):  # an infinite rho leaves nothing of the multiplier
             rho = np.asarray(rho, self.dtype).reshape(-1)
         given, made = ([a.reshape(-1) for a in arrays] for arrays in ((dual, residual, self.gram), (after, move)))
-        _kernels.multiplier(*given, self.dtype.type(pace), rho, bounds, *made)
+        _kernels().multiplier(*given, self.dtype.type(pace), rho, bounds, *made)
         return after, move
 
     def linear_operator(self) -> LinearOperator:

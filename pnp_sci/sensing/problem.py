@@ -189,8 +189,6 @@ def check_operator(masks: Any, y: np.ndarray) -> tuple[SensingOperator, float]:
         If the masks cannot be used, or their rows and columns differ from those of y (N, H, W).
     """
     dtype = np.dtype(np.float64 if y.dtype == np.float64 else np.float32)
-    if isinstance(masks, SensingOperator):
-        masks = masks.masks
     masks = as_masks(masks)
     if masks.shape[2:] != y.shape[1:]:
         views, frames, rows, columns = masks.shape

@@ -37,7 +37,7 @@ def simulate(
     video : array_like, (V, B, H, W) or (B, H, W), or a path
         In any units, which are those of the measurement. The planes of a file are divided among the views of `masks`.
         With `mosaic` it is in colour, with another axis of 3 at the end.
-    masks : array_like, (V, B, H, W) or (B, H, W)
+    masks : array_like, (V, B, H, W) or (B, H, W), or SensingOperator
     noise : float or Sensor
         Standard deviation of the noise relative to `peak`, >= 0; or the camera, in the units of the measurement.
     seed : int

@@ -66,7 +66,6 @@ class TorchSensingOperator(torch.nn.Module):
             raise InputTypeError(f"dtype is {dtype}: torch.float32 or torch.float64 was expected")
         if isinstance(masks, SensingOperator):
             dtype = dtype or getattr(torch, masks.dtype.name)
-            masks = masks.masks
         elif isinstance(masks, torch.Tensor):
             device = device or masks.device
             masks = masks.detach().cpu().numpy()

@@ -17,7 +17,7 @@ from pnp_sci.plugins.protocols import Prior
 from pnp_sci.plugins.torch_module import TorchPrior
 from pnp_sci.sensing.operator import SensingOperator
 from pnp_sci.sensing.problem import level
-from pnp_sci.solvers.backend import NUMBA, Backend
+from pnp_sci.solvers.backend import Backend
 from pnp_sci.solvers.gap import gap_step
 from pnp_sci.solvers.iterate import states
 from pnp_sci.solvers.plan import Pace, Plan
@@ -32,7 +32,7 @@ _known: dict[Hashable, Pace] = {}  # least seconds for each value of x in this p
 _warm: set[Hashable] = set()  # what has been loaded and compiled, by a run or a try
 
 
-def pace(prior: Prior, op: SensingOperator, y: np.ndarray, left: float, backend: Backend = NUMBA) -> Pace:
+def pace(prior: Prior, op: SensingOperator, y: np.ndarray, left: float, backend: Backend) -> Pace:
     """The pace of a prior for x of this operator: from its runs in this process, else from a few iterations on a crop.
 
     Functions and modules are not tried: they may count their calls, or serve one size only.
@@ -67,9 +67,7 @@ def _is_doubtful(known: Pace, size: int, crop: int, left: float) -> bool:
     return least * size > left and (least + known.usual) * crop < LITTLE * left
 
 
-def remember(
-    plan: Plan, shape: tuple[int, ...], seconds: Sequence[float], finish: float, backend: Backend = NUMBA
-) -> None:
+def remember(plan: Plan, shape: tuple[int, ...], seconds: Sequence[float], finish: float, backend: Backend) -> None:
     """Keep the pace of the priors of a plan, from the moments of its iterations and the seconds of its finish.
 
     The first run of a prior in this process may load and compile, and does not count.
@@ -89,7 +87,7 @@ def _learn(key: Hashable, seen: Pace) -> None:
     _known[key] = Pace(*map(min, astuple(before), astuple(seen)))
 
 
-def in_time(plan: Plan, op: SensingOperator, y: np.ndarray, backend: Backend = NUMBA) -> Plan:
+def in_time(plan: Plan, op: SensingOperator, y: np.ndarray, backend: Backend) -> Plan:
     """The plan with the pace of its priors, if it has a deadline."""
     if plan.deadline is None:
         return plan

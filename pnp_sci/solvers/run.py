@@ -81,7 +81,7 @@ def run(
         if asked or status:
             break
     else:
-        raise AssertionError("iterate() has no end")
+        raise AssertionError("the states have no end")
     status = Status.STOPPED if asked else status
     if finish and estimate.iteration:
         finished = finish(estimate)

@@ -63,7 +63,6 @@ class Stopping:
         self.size = 0.0  # length of x
         self.quiet = 0  # iterations in a row that have changed less than the tolerance
         self.slowest = 0.0  # seconds of an iteration with the prior that serves
-        self.ending = 0.0  # seconds that are left for what finishes the estimate, where its pace is not known
 
     def reason(
         self, state: State, lasted: float, finishes: bool, relative: float = 0.0, size: float = 0.0
@@ -72,8 +71,8 @@ class Stopping:
 
         It has converged if Phi x no longer changes and explains something of y. What the masks leave closed is not in
         Phi x, so that x itself, whose length is `size`, must not grow.
-        The next iteration is expected to take as long as the slowest one with the same prior. Time for finishing is
-        reserved: where the plan does not know it, that of the slowest iteration, the first excluded.
+        The next iteration is expected to take as long as the slowest one with the same prior. The plan knows how long
+        that and the finish took before.
         """
         if self.before is not None:
             change = length(state.residual - self.before) / self.norm
@@ -95,12 +94,8 @@ class Stopping:
         due = self.plan.place(state.iteration)
         same = state.iteration == 0 or due == self.plan.place(state.iteration - 1)
         self.slowest = max(self.slowest, lasted) if same else 0.0
-        if self.plan.paces:
-            known = self.plan.paces[due]
-            return max(self.slowest, known.slowest) + finishes * known.finish
-        if finishes and state.iteration > 1:  # the first one loads and compiles
-            self.ending = max(self.ending, lasted)
-        return self.slowest + self.ending
+        known = self.plan.paces[due]
+        return max(self.slowest, known.slowest) + finishes * known.finish
 
 
 def relative_residual(state: State, norm: float, saturated: Array | None) -> float:

@@ -2,12 +2,13 @@
 
 from __future__ import annotations
 
-import os
 from pathlib import Path
 
 import click
 import torch
 
+from pnp_sci._optional import needed_for
+from pnp_sci.formats.replacing import replacing
 from priors.networks import files as _weights
 
 NAMES = ("ffdnet", "video")
@@ -31,15 +32,14 @@ def export(name: str, out: Path, weights: Path | None = None) -> None:
 
     Raises
     ------
-    ImportError
+    pnp_sci.errors.MissingExtraError
         If onnx or onnxscript is not installed.
     pnp_sci.errors.DataUnavailableError, pnp_sci.errors.FormatError
         If the file of weights does not exist or cannot be used.
     """
-    try:
+    with needed_for("ONNX", "onnx"):
+        import onnx  # noqa: F401
         import onnxscript  # noqa: F401
-    except ImportError as error:
-        raise ImportError("ONNX needs onnx and onnxscript: pip install 'pnp-sci[onnx]'") from error
     out.parent.mkdir(parents=True, exist_ok=True)
     network, digest = _weights.load(weights or OWN / f"{name}.safetensors", name)
     size = 2 * network.architecture.multiple
@@ -56,9 +56,8 @@ def export(name: str, out: Path, weights: Path | None = None) -> None:
     )
     assert program is not None
     program.model.metadata_props.update(prior=name, sha256=digest)
-    partial = out.with_name(out.name + ".partial")
-    program.save(partial)
-    os.replace(partial, out)
+    with replacing(out) as temporary:
+        program.save(temporary)
 
 
 @click.command()

@@ -145,6 +145,45 @@ def test_what_is_scored_runs_as_what_is_returned(monkeypatch):
     assert [max(run.settings["share"][0]) > 0 for run in runs] == [False, False, True, True]
 
 
+def test_a_decoder_gets_what_concerns_it(monkeypatch):
+    """Its video is that of `decode` with the same noise and bad pixels; what is scored has the scene of all methods."""
+    scene, problems, models = embedded_scene(SIZE), [], []
+
+    def flat(problem, model):
+        problems.append(problem)
+        models.append(model)
+        return np.full(problem.op.shape, 0.5)
+
+    monkeypatch.setitem(registry._registered["decoders"], "flat", lambda: flat)
+    bad = np.zeros((SIZE, SIZE), bool)
+    bad[3, 4] = True
+    methods = grid(["tv"], iterations=2, decoders=["flat"])
+    alone, tv = compare(scene.y, scene.masks, methods, noise=0.02, bad=bad, device="cpu", seed=1).trials
+    assert (alone.error, tv.error) == (None, None)
+    assert alone.python == "result = pnp_sci.decode(y, masks, model='flat', noise=0.02)"
+    assert models[0].reason == tv.result.scene["reason"]
+    expected = pnp_sci.decode(scene.y, scene.masks, "flat", noise=0.02, bad=bad)
+    assert np.array_equal(alone.result.x, expected.x)
+    assert [problem.bad is None for problem in problems] == [True, False, False], "the held-back masks are 0 there"
+    assert problems[1].noise == problems[2].noise
+
+
+def test_a_decoder_that_takes_a_device_gets_it(monkeypatch):
+    scene, devices = embedded_scene(SIZE), []
+
+    def placed(device=None):
+        devices.append(device)
+        return lambda problem, model: np.full(problem.op.shape, 0.5)
+
+    monkeypatch.setitem(registry._registered["decoders"], "placed", placed)
+    (trial,) = compare(scene.y, scene.masks, grid([], decoders=["placed"]), device="cpu").trials
+    assert trial.error is None
+    assert devices == ["cpu", "cpu"]
+    assert "device='cpu'" in trial.python
+    (missing,) = compare(scene.y, scene.masks, grid([], decoders=["plcaed"]), device="cpu").trials
+    assert "model is 'plcaed'" in missing.error
+
+
 def test_a_method_that_fails_is_a_row_and_the_others_go_on(both, monkeypatch):
     tv, vt = both.trials
     assert tv.error is None
@@ -349,6 +388,20 @@ def test_compare_prints_and_writes_all_rows(here):
     assert kept["measurement"]["Size"] == "2 views x 10 frames of 32 x 32 in one picture"
     page = "".join(Page(Path("report.html").read_text(encoding="utf-8")).text)
     assert "pnp-sci solve meas.npz --masks meas.npz --prior tv" in page
+
+
+def test_compare_runs_decoders(here):
+    pytest.importorskip("torch")
+    options = "--priors", "", "--decoders", "ofanet-fast", "--truth", "meas.npz", "--device", "cpu"
+    done = run("compare", "meas.npz", *options, "--html", "report.html", "--json", "rows.json")
+    assert done.exit_code == 0, done.output
+    assert re.search(r"^ofanet-fast alone +PSNR [\d.]+ dB.*0 iterations: a network decoded", done.stdout, re.M)
+    (row,) = json.loads(Path("rows.json").read_text())["rows"]
+    made = {}
+    exec(row["python"], made)
+    assert row["psnr"] == pytest.approx(pnp_sci.metrics.psnr(made["result"].x, made["io"].read("meas.npz", "x")))
+    assert row["command"] is None
+    assert "ofanet-fast alone" in Path("report.html").read_text(encoding="utf-8")
 
 
 def test_of_several_measurements_the_first_is_compared_unless_told(here):

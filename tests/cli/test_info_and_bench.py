@@ -78,7 +78,7 @@ def test_recommend(here):
     done = run("recommend", 1e4, "--like", "2x10x64x64")
     assert done.exit_code == 0, done.output
     assert done.stdout.startswith("pnp_sci.solve(y, masks, prior=")
-    assert "SECONDS is 1e-09" in fails(1, "recommend", "1e-9")
+    assert "budget_seconds is 1e-09" in fails(1, "recommend", "1e-9")
 
 
 def test_bench_goes_on_after_a_failure(here, monkeypatch):

@@ -39,8 +39,9 @@ def test_a_bar_without_stderr(monkeypatch):
 
 @posix
 def test_a_stdout_that_nobody_reads_ends_it_without_a_word(meas):
-    done = shell("$PNP info meas.npz | head -0")
-    assert (done.returncode, done.stdout, done.stderr) == (0, "", "")
+    """The exit code is that of the command, not that of ``head``."""
+    done = shell("set -o pipefail; $PNP info meas.npz | head -0")
+    assert (done.returncode, done.stdout, done.stderr) == (1, "", "")
 
 
 @posix

@@ -201,7 +201,7 @@ def test_settings_that_json_cannot_hold_fail_alone(client, tmp_path, monkeypatch
 
 @pytest.mark.skipif(not Path("/proc/self/status").exists(), reason="only Linux counts the memory of a parent")
 def test_memory_is_that_of_the_process_alone():
-    child = "from pnp_sci.fleet.work import peak_memory; print(peak_memory())"
+    child = "from pnp_sci.accel.memory import peak_memory; print(peak_memory())"
     parent = f"import subprocess, sys; x = b'1' * 10**9; subprocess.run([sys.executable, '-c', {child!r}], check=True)"
     done = subprocess.run([sys.executable, "-c", parent], capture_output=True, text=True, check=True)
-    assert 2e7 < int(done.stdout) < 8e8
+    assert 5e6 < int(done.stdout) < 8e8

@@ -44,8 +44,12 @@ def test_a_decoder_that_needs_the_scene_is_told_it(scene, still):
 
 def test_no_scene_is_looked_for_where_none_is_needed(scene, still, monkeypatch):
     monkeypatch.setattr(choose, "judge", lambda *given, **more: pytest.fail("the scene was judged"))
-    assert not decode(still, scene.masks, Told(needs_scene=False)).scene["still"]
-    assert not decode(still, scene.masks, Told(needs_scene=True), scene="full").scene["still"]
+    reasons = []
+    for needed, asked in ((False, "auto"), (False, SceneModel((True, False))), (False, "full"), (True, "full")):
+        found = decode(still, scene.masks, Told(needs_scene=needed), scene=asked).scene
+        assert not found["still"]
+        reasons.append(found["reason"])
+    assert reasons == [*["not judged: the decoder does not need it"] * 2, *["as asked for"] * 2]
 
 
 @pytest.mark.parametrize(("noise", "expected"), [(0.25, 0.25), (Sensor(0.5), 0.5)])

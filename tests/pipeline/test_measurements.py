@@ -47,6 +47,12 @@ def test_each_measurement_that_is_decoded_has_its_scene(scene, three, monkeypatc
     assert [len(pnp_sci.decode(y, scene.masks, "grey").scenes) for y in (three[0], three[:1], three)] == [1, 1, 3]
 
 
+def test_a_warning_of_many_measurements_names_the_first_ones(scene, caplog):
+    pnp_sci.decode(np.stack([scene.y] * 12), scene.masks[:, :, ::-1], lambda problem, model: np.zeros(problem.op.shape))
+    (record,) = (record for record in caplog.records if "measurements" in record.message)
+    assert record.message.startswith("measurements 1, 2, 3, 4, 5, 6, 7, 8, 9, 10 and 2 more: ")
+
+
 @pytest.mark.parametrize("answer", [np.ones(3), np.ones((2, 2), bool)])
 def test_a_callback_that_returns_an_array(scene, answer):
     with pytest.raises(InputTypeError, match="callback returns ndarray: None, True or False"):

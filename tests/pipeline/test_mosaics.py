@@ -10,8 +10,10 @@ from skimage import data
 import pnp_sci
 from pnp_sci.errors import InputError
 from pnp_sci.pipeline import tiles
+from pnp_sci.plugins import registry
 from pnp_sci.plugins.combine import Identity, Stages
 from pnp_sci.plugins.mosaic import Mosaicked
+from pnp_sci.scene import choose
 from pnp_sci.sensing.mosaic import PATTERNS, Mosaic, planes
 from pnp_sci.testing import check_prior
 from priors.tv import TV
@@ -174,6 +176,18 @@ def test_a_still_scene_is_recognised():
     y = pnp_sci.simulate(np.repeat(truth[:, :1], FRAMES, 1), masks, mosaic="RGGB")
     assert pnp_sci.solve(y, masks, mosaic="RGGB").scene["still"] is True
     assert solved()[0].scene["still"] is False
+
+
+@pytest.mark.parametrize("size", [28, 64])
+def test_the_reason_says_whether_the_scene_was_judged(size, monkeypatch):
+    truth, masks = scene()
+    video, masks = truth[:, :, :size, :size], np.ascontiguousarray(masks[..., :size, :size])
+    y = pnp_sci.simulate(video, masks, mosaic="RGGB")
+    if size > choose.SMALLEST:
+        monkeypatch.delitem(registry._installed("priors"), "flow")
+    expected = "a mosaic of fewer than 32 pixels a side" if size == 28 else "the prior flow is not installed"
+    assert pnp_sci.solve(y, masks, mosaic="RGGB", iterations=1).scene["reason"] == f"not judged: {expected}"
+    assert pnp_sci.solve(y, masks, mosaic="RGGB", iterations=1, scene="full").scene["reason"] == "as asked for"
 
 
 @pytest.mark.parametrize(

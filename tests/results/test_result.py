@@ -26,6 +26,7 @@ def test_repr_says_size_effort_status_and_scores():
         "Result(5 videos of 2 views x 3 frames of 8 x 6, 2 iterations in 1 s: the iterates stopped changing; "
         "residual 0.12, PSNR 21.00 dB, SSIM 0.750)"
     )
+    assert "Result(1 video of 2 views x" in repr(make((1, 2, 3, 8, 6)))
     several = History([Record(10, 1.0, 0.1, 0.1), Record(20, 2.0, 0.3, 0.1, measurement=1)])
     assert "30 iterations in 3 s" in repr(make(history=several))
     assert "residual 0.2)" in repr(make(history=several))

@@ -10,6 +10,7 @@ from made_priors import Made
 import pnp_sci
 from pnp_sci import SensingOperator, Status, Traits, datasets, register_decoder, solve
 from pnp_sci.solvers import pace as paces
+from pnp_sci.solvers.backend import NUMBA
 from pnp_sci.solvers.plan import Pace, make_plan
 from pnp_sci.solvers.stopping import Stopping
 
@@ -33,9 +34,8 @@ def sleeping(seconds, **known):
 def test_a_strong_prior_that_would_miss_the_deadline_is_not_begun():
     """Each of its calls takes longer than the whole budget, warm-up calls none."""
     slow = sleeping(0.7, warmup=(Made(), 4))
-    paces.pace(
-        slow, SensingOperator(datasets.embedded_scene(64).masks), datasets.embedded_scene(64).y, 9
-    )  # tried before
+    scene = datasets.embedded_scene(64)
+    paces.pace(slow, SensingOperator(scene.masks), scene.y, 9, NUMBA)  # tried before
     result = solved(slow, init="adjoint", time_budget=0.6)
     assert result.status is Status.TIME_BUDGET
     assert result.history[-1].iteration == 4

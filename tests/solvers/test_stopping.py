@@ -10,7 +10,7 @@ from hypothesis import strategies as st
 from made_priors import Made
 
 from pnp_sci import SensingOperator, Status
-from pnp_sci.solvers.plan import make_plan
+from pnp_sci.solvers.plan import Pace, make_plan
 from pnp_sci.solvers.state import State
 from pnp_sci.solvers.stopping import Guard, Stopping, held, relative_residual
 
@@ -112,9 +112,18 @@ def test_the_number_of_iterations_is_the_largest():
     assert reasons(plan(iterations=3), [1, 0.9, 0.8, 0.7]) == [None, None, None, Status.ITERATIONS]
 
 
-@pytest.mark.parametrize(("left", "finishes", "stops"), [(2.5, False, False), (0.5, False, True), (1.5, True, True)])
-def test_time_for_one_more_iteration_and_for_finishing_must_be_left(left, finishes, stops):
-    made = plan(deadline=time.perf_counter() + left)
+@pytest.mark.parametrize(
+    ("left", "pace", "finishes", "stops"),
+    [
+        (2.5, Pace(), False, False),
+        (0.5, Pace(), False, True),
+        (2.5, Pace(slowest=5.0), False, True),
+        (1.5, Pace(finish=1.0), True, True),
+        (1.5, Pace(finish=1.0), False, False),
+    ],
+)
+def test_time_for_one_more_iteration_and_for_finishing_must_be_left(left, pace, finishes, stops):
+    made = plan(deadline=time.perf_counter() + left, paces=(pace,))
     found = reasons(made, [1, 0.9, 0.8], lasted=1.0, finishes=finishes)
     assert (found[2] is Status.TIME_BUDGET) == stops
 
