@@ -55,15 +55,14 @@ def citations(result: Result) -> list[str]:
     --------
     >>> import pnp_sci
     >>> scene = pnp_sci.datasets.embedded_scene(32)
-    >>> for paper in citations(pnp_sci.solve(scene.y, scene.masks, prior="bm3d")):
+    >>> for paper in citations(pnp_sci.solve(scene.y, scene.masks, "bm3d", scene="full")):
     ...     print(paper.partition(", ")[0])
     S. V. Venkatakrishnan
     X. Yuan
     X. Liao
-    A. Chambolle
-    Z. Li & M. Yan
-    X. Yuan
     K. Dabov
+    R. Lu
+    W. James & C. Stein
     """
     return list(dict.fromkeys(_papers(result.settings)))
 

@@ -28,6 +28,8 @@ class Source:
     measurement, masks : path
     views, key, masks_key, index, bad : optional
         As for ``pnp-sci solve``.
+    calibration : path, optional
+        It makes the measurement of a raw picture, and has the masks.
     each : bool
         Whether the file has masks of each measurement, of which those of `index` are meant.
     """
@@ -40,6 +42,7 @@ class Source:
     index: int | None = None
     bad: str | None = None
     each: bool = False
+    calibration: Path | None = None
 
     def python(self) -> str:
         """Python code that reads both files."""
@@ -47,12 +50,17 @@ class Source:
         chosen = "" if self.index is None else f"[{self.index}]"
         masks = _call("io.read_masks", repr(str(self.masks)), views=self.views, key=self.masks_key)
         bad = {None: "", "auto": "bad = 'auto'\n"}.get(self.bad, f"bad = io.read({self.bad!r}) != 0\n")
-        return f"import pnp_sci\nfrom pnp_sci import io\n\ny = {y}{chosen}\nmasks = {masks}{chosen * self.each}\n{bad}"
+        made = ""
+        if self.calibration is not None:
+            made = f"calibration = pnp_sci.Calibration.load({str(self.calibration)!r})\n"
+            y = f"calibration.correct({y})"
+        read = f"{made}y = {y}{chosen}\nmasks = {masks}{chosen * self.each}\n{bad}"
+        return f"import pnp_sci\nfrom pnp_sci import io\n\n{read}"
 
     def command(self) -> list[str]:
         """Words of the command line before the options of the method."""
         options = {"views": self.views, "key": self.key, "masks_key": self.masks_key, "index": self.index}
-        options |= {"bad": self.bad}
+        options |= {"bad": self.bad, "calibration": self.calibration}
         return ["pnp-sci", "solve", str(self.measurement), "--masks", str(self.masks), *_options(options)]
 
 

@@ -43,8 +43,8 @@ def calibrate(
     crop : tuple, optional
         (top, left, rows, columns) of the part that is kept.
     full_scale : float, optional
-        The camera's largest value: pixels that reach it are bad. Without it, a pile of values at the largest one is
-        only said in the report.
+        The camera's largest value: pixels that reach it are bad, and measurements end there, see
+        :attr:`Calibration.saturation`. Without it, a pile of values at the largest one is only said in the report.
 
     Returns
     -------
@@ -92,7 +92,7 @@ def calibrate(
     masks = (light / (one * gains[..., None, None])).astype(np.float32)
     piles = _piles(pictures, whites, darks[0], ~bad, full_scale)
     quality = measure_quality(masks, shading / one, pictures, black, bad, gains, piles)
-    return Calibration(masks, black.astype(np.float32), bad, crop, size, quality)
+    return Calibration(masks, black.astype(np.float32), bad, crop, size, full_scale, quality)
 
 
 def average(pictures: np.ndarray) -> np.ndarray:

@@ -35,6 +35,8 @@ class Calibration:
         (top, left, rows, columns) of the part of the raw pictures that all arrays cover.
     size : tuple of int
         Rows and columns of the raw pictures.
+    full_scale : float or None
+        The camera's largest value, in its units; None if it is not known.
     quality : Quality or None
         None if it was read from a file.
     """
@@ -44,6 +46,7 @@ class Calibration:
     bad: np.ndarray
     crop: tuple[int, int, int, int]
     size: tuple[int, int]
+    full_scale: float | None = None
     quality: Quality | None = None
 
     def __str__(self) -> str:
@@ -53,8 +56,20 @@ class Calibration:
         views, frames, rows, columns = self.masks.shape
         return f"Calibration({views} x {frames} masks of {rows} x {columns}, {int(self.bad.sum())} bad pixels)"
 
+    @property
+    def saturation(self) -> float | None:
+        """The value at which measurements end, for ``Sensor(full_scale=...)``: full scale less the largest dark value.
+
+        None if full scale is not known.
+        """
+        if self.full_scale is None:
+            return None
+        return float(np.float32(self.full_scale) - np.max(self.dark, where=~self.bad, initial=-np.inf))
+
     def correct(self, raw: Any) -> np.ma.MaskedArray:
         """Make measurements of raw pictures: cropped, the dark frame subtracted, bad pixels masked.
+
+        If full scale is known, values end at `saturation` in all pixels, whatever their dark value.
 
         Parameters
         ----------
@@ -68,12 +83,15 @@ class Calibration:
         Returns
         -------
         MaskedArray of float32, (H, W) or (N, H, W)
-            :func:`pnp_sci.solve` leaves masked pixels out.
+            :func:`pnp_sci.solve` leaves masked pixels out. If some may be saturated, tell it by
+            ``noise=pnp_sci.Sensor(full_scale=calibration.saturation)``.
         """
         pictures = real_array("raw", raw)
         if pictures.ndim not in (2, 3):
             raise InputError(f"raw has shape {pictures.shape}: (rows, columns) or (N, rows, columns) was expected")
         y = self.cropped("raw", pictures).astype(np.float32) - self.dark
+        if self.saturation is not None:
+            y = np.minimum(y, np.float32(self.saturation))
         return np.ma.MaskedArray(y, np.broadcast_to(self.bad, y.shape))
 
     def cropped(self, name: str, pictures: np.ndarray) -> np.ndarray:
@@ -88,8 +106,10 @@ class Calibration:
 
     def save(self, path: str | Path) -> None:
         """Write NPZ, HDF5 or MAT, which ``read_masks`` and :meth:`load` read; the quality is not kept."""
-        where = {"crop": np.array([self.crop]), "size": np.array([self.size])}
-        io.write(path, {"masks": self.masks, "dark": self.dark, "bad": self.bad} | where)
+        numbers = {"crop": self.crop, "size": self.size}
+        numbers |= {} if self.full_scale is None else {"full_scale": (self.full_scale,)}
+        arrays = {"masks": self.masks, "dark": self.dark, "bad": self.bad}
+        io.write(path, arrays | {name: np.array([values]) for name, values in numbers.items()})
 
     @classmethod
     def load(cls, path: str | Path) -> Calibration:
@@ -102,7 +122,8 @@ class Calibration:
         if not (dark.shape == bad.shape == masks.shape[2:] and crop.size == 4 and size.size == 2):
             raise FormatError(f"{path}: masks {masks.shape}, dark {dark.shape} and bad {bad.shape} do not fit together")
         top, left, rows, columns, height, width = map(int, (*crop.flat, *size.flat))
-        return cls(masks, dark, bad.astype(bool), (top, left, rows, columns), (height, width))
+        full_scale = float(arrays["full_scale"].item()) if "full_scale" in arrays else None
+        return cls(masks, dark, bad.astype(bool), (top, left, rows, columns), (height, width), full_scale)
 
 
 def cut(name: str, pictures: np.ndarray, crop: tuple[int, ...], size: tuple[int, int]) -> np.ndarray:

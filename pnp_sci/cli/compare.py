@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING
 
 import click
 
-from pnp_sci.cli.inputs import masks_for, of_one, one_of, true_video
+from pnp_sci.cli.inputs import calibrated, masks_for, of_one, one_of, true_video
 from pnp_sci.cli.kinds import FILE, PAGE, SEED, Command, Output
 from pnp_sci.cli.options import bad_pixels, camera, camera_options, interactive, words
 
@@ -18,6 +18,7 @@ if TYPE_CHECKING:
 @click.command(cls=Command)
 @click.argument("measurement", type=FILE)
 @click.option("--masks", "masks_file", type=FILE, help="File with the masks.  [default: the measurement's]")
+@click.option("--calibration", type=FILE, help="File of `pnp-sci calibrate`: masks, dark frame, bad pixels.")
 @click.option("--views", type=click.IntRange(min=1), help="How many views share the planes of the masks.")
 @click.option("--key", help="Name of the measurement in its file, where it cannot be told.")
 @click.option("--masks-key", help="Name of the masks in their file, where it cannot be told.")
@@ -39,6 +40,7 @@ if TYPE_CHECKING:
 def compare(
     measurement: Path,
     masks_file: Path | None,
+    calibration: Path | None,
     views: int | None,
     key: str | None,
     masks_key: str | None,
@@ -65,12 +67,15 @@ def compare(
     are predicted); PSNR and SSIM where the truth is given. Exit code 1 if one of them fails; the others are reported
     all the same.
     """
-    sensor = camera(noise, gain, full_scale, bits)
     from pnp_sci import bench, io
     from pnp_sci.formats.replacing import replacing
 
     y = io.read_measurement(measurement, key)
-    masks = masks_for(measurement, masks_file, views, masks_key)
+    masks, unused = masks_for(measurement, masks_file or calibration, views, masks_key), bad_pixels(bad)
+    if calibration is not None:
+        made, unused, full_scale = calibrated(calibration, unused, full_scale)
+        y = made.correct(y)
+    sensor = camera(noise, gain, full_scale, bits)
     several, each = y.ndim == 3, masks.ndim == 5
     truth = None if truth_file is None else true_video(truth_file, masks.shape[-4:], several, reference_key)
     if several or index is not None:
@@ -82,12 +87,14 @@ def compare(
         masks,
         bench.grid(iterations=iterations, **{name: words(text) for name, text in grid.items()}),
         reference=truth,
-        source=bench.Source(measurement, masks_file or measurement, views, key, masks_key, index, bad, each),
+        source=bench.Source(
+            measurement, masks_file or calibration or measurement, views, key, masks_key, index, bad, each, calibration
+        ),
         progress=interactive(),
         noise=sensor,
         seed=seed,
         device=device,
-        bad=bad_pixels(bad),
+        bad=unused,
     )
     for line in (*(f"Warning: {text}" for text in result.fit.warnings), *map(_line, result.trials)):
         click.echo(line)

@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import click
 
@@ -11,6 +12,8 @@ from pnp_sci.errors import FormatError, InputError, InputTypeError
 
 if TYPE_CHECKING:
     import numpy as np
+
+    from pnp_sci.camera.calibration import Calibration
 
 
 def masks_for(measurement: Path, masks_file: Path | None, views: int | None, key: str | None) -> np.ndarray:
@@ -21,6 +24,22 @@ def masks_for(measurement: Path, masks_file: Path | None, views: int | None, key
         there = "holds a single array of real numbers, no masks beside it"
         raise click.UsageError(f"{measurement} {there}: --masks FILE was expected")
     return io.read_masks(masks_file or measurement, views, key)
+
+
+def calibrated(file: Path, bad: Any, full_scale: float | None) -> tuple[Calibration, Any, float | None]:
+    """The calibration in a file, and bad pixels and full scale of the measurements that it makes.
+
+    `bad` and `full_scale` are what the options say of the camera.
+    """
+    import numpy as np
+
+    from pnp_sci.camera.calibration import Calibration
+
+    made = Calibration.load(file)
+    made = made if full_scale is None else replace(made, full_scale=full_scale)
+    if isinstance(bad, np.ndarray) and bad.shape != made.bad.shape:
+        bad = made.cropped("bad", bad)
+    return made, bad, made.saturation
 
 
 def usable_truth(

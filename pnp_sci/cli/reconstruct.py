@@ -11,6 +11,7 @@ from typing import Any
 
 import click
 
+from pnp_sci.cli.inputs import calibrated
 from pnp_sci.cli.kinds import FILE, FOLDER, POSITIVE, SEED, Command
 from pnp_sci.cli.options import bad_pixels, camera, camera_options, interactive, pairs, solver_options, stages
 from pnp_sci.errors import SolverError
@@ -18,7 +19,8 @@ from pnp_sci.errors import SolverError
 
 @click.command(cls=Command)
 @click.argument("source", type=FILE, nargs=-1, required=True)
-@click.option("--masks", "masks_file", type=FILE, required=True, help="File with the masks.")
+@click.option("--masks", "masks_file", type=FILE, help="File with the masks.")
+@click.option("--calibration", type=FILE, help="File of `pnp-sci calibrate`: masks, dark frame, bad pixels.")
 @click.option("--out", type=FOLDER, default=Path("video.zarr"), show_default=True, help="Folder for the result.")
 @click.option("--key", help="Name of the measurements in their file, where it cannot be told.")
 @click.option("--masks-key", help="Name of the masks in their file, where it cannot be told.")
@@ -38,7 +40,8 @@ from pnp_sci.errors import SolverError
 @click.option("--option", "options", multiple=True, metavar="KEY=VALUE", help="Option of the prior; may be repeated.")
 def reconstruct(
     source: tuple[Path, ...],
-    masks_file: Path,
+    masks_file: Path | None,
+    calibration: Path | None,
     out: Path,
     masks_key: str | None,
     views: int | None,
@@ -57,25 +60,32 @@ def reconstruct(
     SOURCE is a file (zarr, HDF5, NPY, TIFF stack), a folder of files, or several files. The same command goes on after
     it was killed.
     """
+    given = masks_file or calibration
+    if given is None or None not in (masks_file, calibration):
+        raise click.UsageError("either --masks or --calibration was expected")
     prior_options, staged = pairs(options), stages(prior)
-    sensor = camera(noise, gain, full_scale, bits)
     import pnp_sci
     from pnp_sci.formats.arrays import CONTAINERS
 
-    for option, file in (("--masks", masks_file), ("--bad", Path(bad or "auto"))):
+    for option, file in (("--masks, --calibration", given), ("--bad", Path(bad or "auto"))):
         among = file.is_file() and any(file.resolve().parent == place.resolve() for place in source)
         if among and not (file.suffix.lower() in CONTAINERS and len(pnp_sci.io.describe(file)) > 1):
             came = f"{option} {file} is in the folder of the measurements, where each file counts as one"
             raise click.UsageError(f"{came}: keep it elsewhere")
+    unused = bad_pixels(bad)
+    if calibration is None:
+        masks = pnp_sci.io.read_masks(given, views, masks_key)
+    else:
+        masks, unused, full_scale = calibrated(calibration, unused, full_scale)
     with _estimates_shown():
         result = pnp_sci.reconstruct(
             source[0] if len(source) == 1 else list(source),
-            pnp_sci.io.read_masks(masks_file, views, masks_key),
+            masks,
             out,
             scheduler,
             prior=staged,
-            noise=sensor,
-            bad=bad_pixels(bad),
+            noise=camera(noise, gain, full_scale, bits),
+            bad=unused,
             progress=interactive(),
             **settings,
             **prior_options,

@@ -7,7 +7,7 @@ from typing import Any
 
 import click
 
-from pnp_sci.cli.inputs import masks_for, one_of, usable_truth
+from pnp_sci.cli.inputs import calibrated, masks_for, one_of, usable_truth
 from pnp_sci.cli.kinds import FILE, POSITIVE, SEED, Command, Output
 from pnp_sci.cli.options import bad_pixels, camera, camera_options, interactive, pairs, solver_options, stages
 from pnp_sci.cli.outputs import SAVED, SHOWN, White, check_white, named, print_scores, save_somewhere
@@ -75,22 +75,18 @@ def solve(
     The file may hold one measurement or several.
     """
     prior_options, staged = pairs(options), stages(prior)
-    sensor = camera(noise, gain, full_scale, bits)
-    import numpy as np
-
-    from pnp_sci import Calibration, api, io
+    from pnp_sci import api, io
 
     y = io.read_measurement(measurement, key)
     masks = masks_for(measurement, masks_file or calibration, views, masks_key)
     unused = bad_pixels(bad)
     if calibration is not None:
-        made = Calibration.load(calibration)
+        made, unused, full_scale = calibrated(calibration, unused, full_scale)
         y = made.correct(y)
-        if isinstance(unused, np.ndarray) and unused.shape != y.shape[-2:]:
-            unused = made.cropped("bad", unused)
     elif masks_file is not None and _is_calibration(masks_file):
         left = f"the dark frame and the bad pixels of {masks_file} are not used"
         click.echo(f"Warning: --masks takes the masks only, {left}: --calibration takes all", err=True)
+    sensor = camera(noise, gain, full_scale, bits)
     shape, colour, count = masks.shape[-4:], settings["mosaic"] is not None, len(y) if y.ndim == 3 else None
     check_white(white, shape[0])
     if index is not None:

@@ -18,6 +18,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from pnp_sci._validate import real_array
+from pnp_sci.camera.calibration import Calibration
 from pnp_sci.errors import InputError, InputTypeError
 from pnp_sci.fleet.source import Source
 from pnp_sci.formats.plain import as_json
@@ -102,9 +103,12 @@ class Job:
         return Chunk(max(chunk.start - beside, 0), min(chunk.stop + beside, self.source.count))
 
 
-def settings_of(source: Source, masks: np.ndarray, sequence: int | None, options: dict[str, Any]) -> dict[str, Any]:
+def settings_of(
+    source: Source, masks: np.ndarray, sequence: int | None, options: dict[str, Any], calibration: Calibration | None
+) -> dict[str, Any]:
     """All that determines the result but the values of the measurements; the number of threads does not."""
-    return {
+    raw = {} if calibration is None else {"calibration": plain("calibration", replace(calibration, quality=None))}
+    return raw | {
         "measurements": source.count,
         "size": list(masks.shape),
         "dtype": str(np.dtype(np.float64 if source.dtype == np.float64 else np.float32)),

@@ -12,11 +12,12 @@ import numpy as np
 
 from pnp_sci._validate import instance, whole
 from pnp_sci.api import solve
+from pnp_sci.camera.calibration import Calibration
 from pnp_sci.fleet import store
 from pnp_sci.fleet.estimate import Estimate, free_bytes
 from pnp_sci.fleet.job import Chunk, Job, check_options, settings_of
 from pnp_sci.fleet.reconstruction import Reconstruction
-from pnp_sci.fleet.source import Source, open_source
+from pnp_sci.fleet.source import Source, corrected, open_source
 from pnp_sci.masks import as_masks
 from pnp_sci.pipeline.progress import bar
 from pnp_sci.pipeline.provenance import digest
@@ -49,8 +50,8 @@ def reconstruct(
     source : path, sequence of paths, or array-like (N, H, W)
         The measurements: a zarr array, HDF5, NPY, a TIFF stack, a folder or a list of files, or an array. Only what a
         chunk needs is read.
-    masks : array_like, (V, B, H, W) or (B, H, W), or SensingOperator
-        As for :func:`pnp_sci.solve`.
+    masks : array_like, (V, B, H, W) or (B, H, W), SensingOperator, or Calibration
+        As for :func:`pnp_sci.solve`. With a calibration the source holds raw pictures, which it corrects.
     out : path
         Folder for the result, OME-Zarr 0.5. Workers must see it under the same path.
     client : None, str or distributed.Client
@@ -93,9 +94,12 @@ def reconstruct(
     sequence = None if sequence is None else whole("sequence", sequence, 1)
     workers = cores() if workers is None else whole("workers", workers, 1)
     instance("progress", progress, bool)
-    opened, planes = open_source(source, key), as_masks(masks)
+    opened, calibration = open_source(source, key), masks if isinstance(masks, Calibration) else None
+    if calibration is not None:
+        opened, masks = corrected(opened, calibration), calibration.masks
+    planes = as_masks(masks)
     _check(opened, planes, preview, options)
-    settings, path = settings_of(opened, planes, sequence, options), Path(out).resolve()
+    settings, path = settings_of(opened, planes, sequence, options, calibration), Path(out).resolve()
     if path.exists():
         store.check_same(path, settings)
         store.sweep(path)

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import logging
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import lru_cache, partial
 from pathlib import Path
 from typing import Any
@@ -13,6 +13,7 @@ import numpy as np
 
 from pnp_sci import io
 from pnp_sci._validate import real_array
+from pnp_sci.camera.calibration import Calibration
 from pnp_sci.errors import FormatError, InputError, InputTypeError
 from pnp_sci.fleet import readers
 from pnp_sci.formats.arrays import READABLE
@@ -81,6 +82,17 @@ def open_source(source: Any, key: str | None = None) -> Source:
     if not (hasattr(source, "shape") and hasattr(source, "dtype") and hasattr(source, "__getitem__")):
         source = real_array("source", source)
     return _measurements("source", source, partial(readers.part, source), travels=readers.is_stored(source))
+
+
+def corrected(source: Source, calibration: Calibration) -> Source:
+    """The measurements that a calibration makes of a source of raw pictures."""
+    calibration.cropped("source", np.broadcast_to(0, source.shape))  # raises an error for another size
+    read = partial(_corrected, source.read, calibration)
+    return replace(source, shape=calibration.bad.shape, dtype=calibration.dark.dtype, read=read)
+
+
+def _corrected(read: readers.Reader, calibration: Calibration, start: int, stop: int) -> np.ndarray:
+    return calibration.correct(read(start, stop))
 
 
 def _measurements(name: str, array: Any, reader: readers.Reader, travels: bool = True) -> Source:

@@ -62,7 +62,7 @@ def solve_chunk(job_name: str, chunk: Chunk, y: np.ndarray | None, preview: bool
     with _collected_warnings() as warnings:
         try:
             around = job.around(chunk, preview)
-            y = np.asarray(job.source.read(*around) if y is None else y)
+            y: Any = job.source.read(*around) if y is None else y  # masked where pixels are bad
             inside = slice(chunk.start - around.start, chunk.stop - around.start)
             black = [n for n in range(chunk.start, chunk.stop) if not y[n - around.start].any()]
             nothing = InputError("y is 0 everywhere: a part of its file may be missing")

@@ -43,7 +43,7 @@ def light_of_frames(op: SensingOperator, y: np.ndarray, used: np.ndarray | None 
     >>> masks = pnp_sci.random_masks((1, 4, 64, 64))
     >>> scene = np.random.default_rng(0).random((64, 64)) * np.array([1, 0.5, 1, 0.5])[:, None, None]
     >>> light = light_of_frames(SensingOperator(masks), pnp_sci.simulate(scene[None], masks))
-    >>> light.ravel().round(1).tolist()
+    >>> np.round(light.ravel().astype(float), 1).tolist()
     [1.3, 0.7, 1.3, 0.7]
     """
     views, frames = op.shape[:2]

@@ -41,6 +41,7 @@ class ImageNet:
 
     Examples
     --------
+    >>> import numpy as np
     >>> denoise = ImageNet()
     >>> float(denoise(np.full((1, 2, 8, 8), 0.5), sigma=0).mean())
     0.5

@@ -1,5 +1,8 @@
 """Masks from raw pictures with the faults that cameras have, against the masks that the pictures were made with."""
 
+import json
+from pathlib import Path
+
 import numpy as np
 import pytest
 from click.testing import CliRunner
@@ -175,6 +178,63 @@ def test_bad_pixels_of_the_whole_sensor_go_with_a_cropped_calibration(tmp_path, 
     done = CliRunner().invoke(main, ["solve", "part.npy", *words[2:-1], "part.png", "--masks", "c.npz"])
     assert done.exit_code == 0, done.output
     assert "the dark frame and the bad pixels of c.npz are not used: --calibration" in done.output
+
+
+@pytest.fixture(scope="module")
+def saturated():
+    """A calibration of a camera of 12 bits whose pixels have their own dark values, a capture, and the true video."""
+    rng = np.random.default_rng(3)
+    truth = pnp_sci.datasets.embedded_scene(SIDE).truth[:, :B]
+    dark = 100 + rng.normal(0, 8, (SIDE, SIDE))
+
+    def taken(light):
+        return (light + dark + rng.normal(0, 2, light.shape)).clip(0, 4095).round().astype(np.uint16)
+
+    made = calibrate(taken(np.zeros((5, SIDE, SIDE))), None, taken(3000.0 * MASKS), full_scale=4095)
+    light = np.einsum("vbhw,vbhw->hw", MASKS, truth)
+    scale = 4100 / np.quantile(light, 0.8)
+    return made, taken(scale * light), scale * truth
+
+
+def test_saturated_measurements_end_at_one_value(saturated):
+    """Bug: full scale less the dark value was another value in each pixel, so that hardly one was saturated."""
+    made, raw, light = saturated
+    y = made.correct(raw)
+    assert made.saturation == pytest.approx(4095 - 100 - 25, abs=15)
+    camera = pnp_sci.Sensor(full_scale=made.saturation)
+    assert y.max() == made.saturation
+    assert (camera.saturated(y) | ~(raw == 4095)).all()
+    assert camera.saturated(y).sum() < 1.1 * np.sum(raw == 4095)
+    results = (pnp_sci.solve(y, made.masks, "tv", noise=noise).x for noise in (camera, "auto"))
+    told, not_told = (np.mean(pnp_sci.psnr(x, light, light.max())) for x in results)
+    assert told > not_told + 1
+
+
+@pytest.mark.parametrize("command", ["solve", "compare", "reconstruct"])
+def test_commands_take_a_calibration_and_its_full_scale(saturated, tmp_path, monkeypatch, command):
+    monkeypatch.chdir(tmp_path)
+    made, raw, _ = saturated
+    made.save("c.npz")
+    assert Calibration.load("c.npz").saturation == made.saturation
+    io.write("raw.npy", raw)
+    names = {"solve": "--prior", "compare": "--priors", "reconstruct": "--prior"}
+    words = [command, "raw.npy", "--calibration", "c.npz", names[command], "tv", "--iterations", "3"]
+    expected = pnp_sci.solve(
+        made.correct(raw), made.masks, "tv", iterations=3, noise=pnp_sci.Sensor(full_scale=made.saturation)
+    )
+    done = CliRunner().invoke(main, [*words, *(["--json", "t.json"] if command == "compare" else [])])
+    assert done.exit_code == 0, done.output
+    if command == "solve":
+        x = pnp_sci.Result.load("result.npz").x
+    elif command == "reconstruct":
+        x = pnp_sci.Reconstruction("video.zarr").video(0)
+    else:
+        (row,) = json.loads(Path("t.json").read_text())["rows"]
+        assert "--calibration c.npz" in row["command"]
+        found = {"pnp_sci": pnp_sci}
+        exec(row["python"], found)
+        x = found["result"].x
+    np.testing.assert_array_equal(x, expected.x)
 
 
 def test_crop_holds_for_measurements_too():
