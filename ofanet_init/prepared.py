@@ -65,9 +65,9 @@ def network_for(model: str, problem: Problem, device: torch.device) -> Any:
     Raises
     ------
     InputError
-        If no network fits so many views and frames, or a mask is negative.
+        If no network fits so many views and frames, or masks are negative by more than noise.
     """
-    if problem.op.masks.min() < 0:
+    if problem.op.signed:
         raise InputError("masks has negative values: learned decoders need masks >= 0")
     return trained(model, *problem.op.shape[:2], device)
 
@@ -83,7 +83,7 @@ def tensors(
     """
     largest = _largest(problem)
     y, coded = _lit(problem, rows)
-    coded = coded.astype(np.float32) / largest
+    coded = np.maximum(coded.astype(np.float32) / largest, 0)
     masks = torch.from_numpy(placed(coded, network.config.views, network.config.frames))[None]
     y = torch.from_numpy((y * (TUNED.brightness / largest.max())).astype(np.float32))[None]
     return y.to(device), masks.to(device)

@@ -10,7 +10,7 @@ import numpy as np
 
 from pnp_sci._validate import finite_number, real_array, whole
 from pnp_sci.errors import InputError
-from pnp_sci.sensing.operator import as_masks
+from pnp_sci.sensing.operator import are_signed, as_masks
 
 _SEPARABLE_FROM = 0.01  # smallest eigenvalue of the views' matrix of cosines: below it, noise grows more than tenfold
 _CORRELATED_FROM = 0.5  # smallest correlation that a warning reports
@@ -126,6 +126,8 @@ class MaskCondition:
     separable : bool
         Whether the smallest eigenvalue of the matrix of cosines between the views' mask stacks is at least 0.01. Below
         it, a view is closed or nearly a linear combination of the others, and noise grows more than tenfold.
+    signed : bool
+        Whether masks are negative by more than the noise of a calibration: by 1 % of the sum of all magnitudes.
     """
 
     shape: tuple[int, int, int, int]
@@ -141,6 +143,7 @@ class MaskCondition:
     view_correlation: float
     frame_correlation: float
     separable: bool
+    signed: bool
 
     @property
     def warnings(self) -> tuple[str, ...]:
@@ -159,7 +162,7 @@ class MaskCondition:
                 self.frame_correlation > _CORRELATED_FROM
             ),
             "All masks are the same and uniform: nothing is coded.": self.levels == 1,
-            "Some values are negative: no camera makes such masks without subtracting two pictures.": self.minimum < 0,
+            "Some values are negative: no camera makes such masks without subtracting two pictures.": self.signed,
         }
         return tuple(sentence for sentence, holds in concerns.items() if holds)
 
@@ -226,6 +229,7 @@ def condition(masks: Any) -> MaskCondition:
         view_correlation=_largest_off_diagonal(_correlations(centred)),
         frame_correlation=max(_largest_off_diagonal(matrix) for matrix in between_frames),
         separable=views_are_separable(checked),
+        signed=are_signed(checked),
     )
 
 

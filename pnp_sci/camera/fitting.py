@@ -58,9 +58,9 @@ class Masks:
     """What all measurements through the same masks share."""
 
     def __init__(self, op: SensingOperator):
-        self.masks = masks = op.masks
+        self.signed = op.signed
+        self.masks = masks = op.masks if self.signed or op.masks.min() >= 0 else np.maximum(op.masks, 0)
         self.sums = masks.sum(1, dtype=np.float32)
-        self.signed = masks.dtype != np.uint8 and bool(masks.min() < 0)
         self.weight = np.abs(masks).sum((0, 1), dtype=np.float32) if self.signed else self.sums.sum(0)
         self.code = Code(self.sums)
         self.negative = float(np.mean(self.sums.sum(0) < 0))

@@ -8,6 +8,7 @@ from pnp_sci.camera.fit import Finding
 from pnp_sci.camera.outliers import expected
 from pnp_sci.camera.rise import rise
 from pnp_sci.camera.verdict import HALF
+from pnp_sci.sensing.operator import BY_NOISE
 from pnp_sci.sensing.sensor import Sensor
 
 KNOWN = 0.9  # of the pixels of a pile: if so many are known to be saturated, the full scale is right
@@ -17,7 +18,6 @@ LIGHTS = 1e-2  # of the energy of y: as much is worth a warning even if points o
 FEWEST = 25  # values: fewer do not tell how much y varies
 LOUD = 3.0  # standard deviations of y: noise above that is impossible, also where y is clipped at 0
 BELOW = 0.5  # standard deviations of y: so far below 0 no mean of noise is
-BY_NOISE = 0.01  # of the sum of magnitudes: so much is negative by noise, much more of light through masks about 0
 CENTRED = 0.1  # of the pixels: of masks about 0, more have a negative sum
 SIGNED = {"uint8": 2**7, "uint16": 2**15}  # values from which on unsigned data are negative if they are read as signed
 REACHED = 0.97  # of the largest signed value: unsigned data above it reach that

@@ -13,6 +13,7 @@ from pnp_sci.errors import InputError, InputTypeError
 if TYPE_CHECKING:
     from scipy.sparse.linalg import LinearOperator
 
+BY_NOISE = 0.01  # of the sum of magnitudes: so much is negative by noise, of light or of masks
 DIMMEST = 0.05  # root of the gram of a pixel, in units of the mean one, below which it counts as unlit
 
 
@@ -53,6 +54,14 @@ def as_masks(masks: Any, dtype: np.dtype | None = None) -> np.ndarray:
         converted = np.ascontiguousarray(array, dtype)
     require_finite("masks", converted)
     return converted
+
+
+def are_signed(masks: np.ndarray) -> bool:
+    """Whether the sum of negative masks is more than 1 % of all magnitudes; calibrated ones have less, by noise."""
+    if masks.dtype == np.uint8 or masks.min() >= 0:
+        return False
+    below = -np.sum(masks, where=masks < 0, dtype=np.float64)
+    return bool(below > BY_NOISE * (2 * below + np.sum(masks, dtype=np.float64)))
 
 
 class SensingOperator:
@@ -128,6 +137,11 @@ class SensingOperator:
         total = np.empty(self.shape[2] * self.shape[3], self.dtype)
         _kernels().gram(self._planes, total)
         return total.reshape(self.shape[2:])
+
+    @cached_property
+    def signed(self) -> bool:
+        """Whether masks are negative by more than the noise of a calibration, see :func:`are_signed`."""
+        return are_signed(self.masks)
 
     @property
     def unlit(self) -> np.ndarray:

@@ -3,6 +3,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+import pnp_sci
 from pnp_sci.errors import InputError, InputTypeError
 from pnp_sci.masks import condition, moving_masks, random_masks
 
@@ -121,6 +122,18 @@ def test_equal_frames_are_noticed():
     report = condition(masks)
     assert report.frame_correlation == pytest.approx(1)
     assert any("motion" in sentence for sentence in report.warnings)
+
+
+def test_noise_of_a_calibration_is_no_negative_mask():
+    """Bug: check_fit found no stuck lines, decoders refused the masks, and a warning came."""
+    rng, scene = np.random.default_rng(0), pnp_sci.datasets.embedded_scene(64)
+    masks = scene.masks + 0.005 * rng.standard_normal(scene.masks.shape)
+    assert condition(masks).warnings == condition(scene.masks).warnings
+    stuck = scene.y.copy()
+    stuck[:, 20] = 0.8 * stuck.max()
+    assert [f.kind for f in pnp_sci.check_fit(stuck, masks).findings] == ["stuck"]
+    decoded = [pnp_sci.decode(scene.y, planes, "ofanet-fast").x for planes in (masks, np.maximum(masks, 0))]
+    np.testing.assert_allclose(*decoded, atol=0.05)
 
 
 def test_uniform_and_negative_masks_are_noticed():
