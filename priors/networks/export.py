@@ -39,7 +39,9 @@ def export(name: str, out: Path, weights: Path | None = None) -> None:
     try:
         import onnxscript  # noqa: F401
     except ImportError as error:
-        raise ImportError("ONNX needs onnx and onnxscript: pip install 'pnp-sci[onnx]'") from error
+        raise ImportError(
+            "ONNX needs onnx and onnxscript: python -m pip install '.[onnx]' in the folder of the sources"
+        ) from error
     out.parent.mkdir(parents=True, exist_ok=True)
     network, digest = _weights.load(weights or OWN / f"{name}.safetensors", name)
     size = 2 * network.architecture.multiple
