@@ -76,7 +76,23 @@ class Calibration:
         return np.ma.MaskedArray(y, np.broadcast_to(self.bad, y.shape))
 
     def cropped(self, name: str, pictures: np.ndarray) -> np.ndarray:
-        """The part of pictures as large as the raw ones, (..., H0, W0), that all arrays cover; errors give `name`."""
+        """The part of pictures as large as the raw ones that all arrays cover.
+
+        Parameters
+        ----------
+        name : str
+            What errors call the pictures.
+        pictures : ndarray, (..., H0, W0)
+
+        Returns
+        -------
+        ndarray, (..., H, W)
+
+        Raises
+        ------
+        InputError
+            If they have another size.
+        """
         return cut(name, pictures, self.crop, self.size)
 
     def plot(self) -> Figure:
@@ -86,20 +102,40 @@ class Calibration:
         return draw(self)
 
     def save(self, path: str | Path) -> None:
-        """Write NPZ, HDF5 or MAT, which ``read_masks`` and :meth:`load` read; the quality is not kept."""
+        """Write NPZ, HDF5 or MAT, which ``read_masks`` and :meth:`load` read; the quality is not kept.
+
+        Parameters
+        ----------
+        path : path
+        """
         size = {} if self.size is None else {"size": np.array([self.size])}
         arrays = {"masks": self.masks, "dark": self.dark, "bad": self.bad, "crop": np.array([self.crop])}
         io.write(path, arrays | size)
 
     @classmethod
     def load(cls, path: str | Path) -> Calibration:
-        """Read what :meth:`save` wrote; raises FileNotFoundError or FormatError."""
+        """Read what :meth:`save` wrote.
+
+        Parameters
+        ----------
+        path : path
+
+        Raises
+        ------
+        FileNotFoundError
+            If there is no such file.
+        FormatError
+            If it is damaged or holds no calibration.
+        """
+        there = {entry.key for entry in io.describe(path)}
+        if lacking := {"masks", "dark", "bad", "crop"} - there:
+            raise FormatError(f"{path} is no calibration: it lacks {', '.join(sorted(lacking))}")
         masks = io.read_masks(path, key="masks")
         dark, bad, crop = (io.read(path, key) for key in ("dark", "bad", "crop"))
         if not (dark.shape == bad.shape == masks.shape[2:] and crop.size == 4):
             raise FormatError(f"{path}: masks {masks.shape}, dark {dark.shape} and bad {bad.shape} do not fit together")
         top, left, rows, columns = map(int, crop.ravel())
-        known = "size" in {entry.key for entry in io.describe(path)}
+        known = "size" in there
         height, width = map(int, io.read(path, "size").ravel()) if known else (0, 0)
         return cls(masks, dark, bad.astype(bool), (top, left, rows, columns), size=(height, width) if known else None)
 

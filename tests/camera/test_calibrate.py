@@ -7,7 +7,7 @@ from click.testing import CliRunner
 import pnp_sci
 from pnp_sci import Calibration, calibrate, io
 from pnp_sci.cli.main import main
-from pnp_sci.errors import InputError
+from pnp_sci.errors import FormatError, InputError
 
 V, B, N, SIDE = 2, 6, 5, 64
 RNG = np.random.default_rng(0)
@@ -267,3 +267,11 @@ def test_white_that_is_saturated():
     assert calibrate(dark, whites, raw, full_scale=65535).bad[3, 4:9].all()
     with pytest.raises(InputError, match="bad in all pixels"):
         calibrate(dark, np.full_like(white, 65535), raw, full_scale=65535)
+
+
+def test_another_file_is_no_calibration(tmp_path):
+    io.write(tmp_path / "capture.npz", {"y": np.ones((8, 8)), "masks": np.ones((1, 2, 8, 8))})
+    with pytest.raises(FormatError, match="is no calibration: it lacks bad, crop, dark"):
+        pnp_sci.Calibration.load(tmp_path / "capture.npz")
+    with pytest.raises(FormatError, match="is no result"):
+        pnp_sci.Result.load(tmp_path / "capture.npz")
