@@ -273,5 +273,5 @@ def test_another_file_is_no_calibration(tmp_path):
     io.write(tmp_path / "capture.npz", {"y": np.ones((8, 8)), "masks": np.ones((1, 2, 8, 8))})
     with pytest.raises(FormatError, match="is no calibration: it lacks bad, crop, dark"):
         pnp_sci.Calibration.load(tmp_path / "capture.npz")
-    with pytest.raises(FormatError, match="is no result"):
+    with pytest.raises(FormatError, match="cannot be read as a result, as it holds none"):
         pnp_sci.Result.load(tmp_path / "capture.npz")
