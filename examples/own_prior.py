@@ -41,7 +41,7 @@ priors = {"none": "none", "gaussian": gaussian, "tv": "tv"}
 try:
     import torch
 except ImportError:
-    print('torch is not installed: python -m pip install "pnp-sci[learned]"')
+    print('torch is not installed: python -m pip install ".[learned]" in the folder of the sources')
 else:
 
     class Blur(torch.nn.Module):

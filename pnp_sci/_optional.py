@@ -19,13 +19,14 @@ def needed_for(what: str, extra: str) -> Iterator[None]:
 
     Examples
     --------
-    >>> with needed_for("result.plot()", "plot"):
-    ...     import no_such_module
+    >>> with needed_for("it", "plot"):
+    ...     import no_module
     Traceback (most recent call last):
-    pnp_sci.errors.MissingExtraError: result.plot() needs no_such_module: python -m pip install "pnp-sci[plot]"
+    pnp_sci.errors.MissingExtraError: it needs no_module: python -m pip install ".[plot]" in the folder of the sources
     """
     try:
         yield
     except ModuleNotFoundError as missing:
         package = str(missing.name).partition(".")[0]
-        raise MissingExtraError(f'{what} needs {package}: python -m pip install "pnp-sci[{extra}]"') from missing
+        how = f'python -m pip install ".[{extra}]" in the folder of the sources'
+        raise MissingExtraError(f"{what} needs {package}: {how}") from missing

@@ -5,11 +5,27 @@ from __future__ import annotations
 import math
 from collections.abc import Iterable
 from numbers import Integral, Real
+from os import PathLike
 from typing import Any
 
 import numpy as np
 
 from pnp_sci.errors import InputError, InputTypeError
+
+LONGEST = 100  # characters of a value in a message
+FEW = 10  # values of an array in a message
+
+
+def shown(value: Any) -> str:
+    """What came, for a message: a short value as it is, of an array its shape and type, of others the beginning.
+
+    >>> shown("tv"), shown(np.zeros((2, 10, 64, 64)))
+    ("'tv'", 'an array (2, 10, 64, 64) of float64')
+    """
+    if isinstance(getattr(value, "shape", None), tuple) and hasattr(value, "dtype") and np.size(value) > FEW:
+        return f"an array {tuple(value.shape)} of {value.dtype}"
+    text = repr(value)
+    return text if len(text) <= LONGEST else f"{text[:LONGEST]}..."
 
 
 def real_array(name: str, value: Any) -> np.ndarray:
@@ -22,6 +38,10 @@ def real_array(name: str, value: Any) -> np.ndarray:
         array = np.asarray(value)
     except Exception as error:  # rows of different lengths, and what each library says of its own arrays
         raise InputTypeError(f"{name} is no array of numbers: {error}") from error
+    if array.dtype.kind not in "biuf" and array.ndim == 0:  # no array at all
+        hint = "; read_measurement, read_masks and read_video of pnp_sci.io read files"
+        told = hint if isinstance(value, (str, PathLike)) else ""
+        raise InputTypeError(f"{name} is {shown(value)}: an array of real numbers was expected{told}")
     if array.dtype.kind not in "biuf":
         raise InputTypeError(f"{name} has dtype {array.dtype}: real numbers were expected")
     return array
@@ -70,7 +90,7 @@ def finite_number(name: str, value: Any, expected: str = "a finite number >= 0")
     except OverflowError:  # an int that no float can hold
         converted = math.inf
     if not 0 <= converted < math.inf:
-        raise InputError(f"{name} is {value!r}: {expected} was expected")
+        raise InputError(f"{name} is {shown(value)}: {expected} was expected")
     return converted
 
 
@@ -78,30 +98,36 @@ def positive_number(name: str, value: Any) -> float:
     """`value` as a float, finite and > 0."""
     expected = "a finite number > 0"
     if (number := finite_number(name, value, expected)) == 0:
-        raise InputError(f"{name} is {value!r}: {expected} was expected")
+        raise InputError(f"{name} is {shown(value)}: {expected} was expected")
     return number
 
 
 def true_or_false(name: str, value: Any) -> None:
     """Raise an InputError if `value` is not a bool, of Python or of numpy: a text such as "no" would count as true."""
     if not isinstance(value, (bool, np.bool_)):
-        raise InputError(f"{name} is {value!r}: True or False was expected")
+        raise InputError(f"{name} is {shown(value)}: True or False was expected")
 
 
 def whole(name: str, value: Any, least: int) -> int:
     """`value` as an int."""
     if not isinstance(value, Integral) or value < least:
-        raise InputError(f"{name} is {value!r}: a whole number >= {least} was expected")
+        raise InputError(f"{name} is {shown(value)}: a whole number >= {least} was expected")
     return int(value)
 
 
 def one_of(name: str, value: Any, names: Iterable[str], or_else: str = "") -> None:
     """Raise an InputError that lists the names there are, if `value` is none of them."""
     if not isinstance(value, str) or value not in names:
-        raise InputError(f"{name} is {value!r}: one of these was expected: {', '.join(names)}{or_else}")
+        raise InputError(f"{name} is {shown(value)}: one of these was expected: {', '.join(names)}{or_else}")
 
 
 def instance(name: str, value: Any, *kinds: type) -> None:
     """Raise an InputTypeError if `value` is neither None nor of one of these types."""
-    if value is not None and not isinstance(value, kinds):
-        raise InputTypeError(f"{name} is {value!r}: {' or '.join(kind.__name__ for kind in kinds)} was expected")
+    if value is not None:
+        needed(name, value, *kinds)
+
+
+def needed(name: str, value: Any, *kinds: type) -> None:
+    """Raise an InputTypeError if `value` is not of one of these types."""
+    if not isinstance(value, kinds):
+        raise InputTypeError(f"{name} is {shown(value)}: {' or '.join(kind.__name__ for kind in kinds)} was expected")

@@ -79,8 +79,8 @@ def solve(
         Largest number of iterations; what the prior is told, where x spans [0, 1]. By default rules decide. Stop when
         Phi x changes by less than `tol` times ``||y||`` in five iterations in a row.
     noise : "auto", float, or Sensor
-        Standard deviation of the noise of y, in its units. A :class:`~pnp_sci.Sensor` says more of the camera. "auto"
-        estimates it, and texture makes the estimate too large: give it if you know it.
+        Standard deviation of the noise of y, in its units, not in parts of the largest value as in :func:`simulate`. A
+        :class:`~pnp_sci.Sensor` says more of the camera. "auto" estimates it, too large where there is much texture.
     time_budget : float, optional
         Seconds for the whole call, callback included; the last estimate by then is returned.
     reference : array_like, optional
@@ -114,7 +114,7 @@ def solve(
 
     Raises
     ------
-    InputError, InputTypeError
+    InputError, InputTypeError, UnknownPluginError
         If an argument cannot be used: the message names it, what came and what was expected.
 
     Examples

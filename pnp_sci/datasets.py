@@ -11,7 +11,7 @@ from pathlib import Path
 import numpy as np
 
 from pnp_sci._optional import needed_for
-from pnp_sci._validate import one_of
+from pnp_sci._validate import one_of, whole
 from pnp_sci.errors import DataUnavailableError, FormatError, InputError
 from pnp_sci.io import read, read_masks, read_measurement, read_video
 from pnp_sci.masks import moving_masks
@@ -202,7 +202,7 @@ def embedded_scene(size: int = 256) -> Scene:
     Raises
     ------
     InputError
-        If `size` is smaller.
+        If `size` is no whole number, or smaller.
 
     Examples
     --------
@@ -211,8 +211,7 @@ def embedded_scene(size: int = 256) -> Scene:
     """
     from skimage import data
 
-    if size < 16:
-        raise InputError(f"size is {size}: at least 16 was expected")
+    size = whole("size", size, 16)
     camera, coins = data.camera(), data.coins()
     astronaut, coffee = data.astronaut()[..., 1], data.coffee()[..., 1]
     truth = np.stack(

@@ -203,9 +203,7 @@ def write_video(path: str | Path, frames: Any, fps: float = 10) -> None:
     """
     path = Path(path)
     if path.suffix.lower() not in _formats.VIDEO:
-        raise FormatError(
-            f"{path}: cannot write a video as {path.suffix}; known are {', '.join(sorted(_formats.VIDEO))}"
-        )
+        raise FormatError(f"{path}: cannot write a video as {path.suffix}; known are {', '.join(_formats.VIDEO)}")
     positive_number("fps", fps)
     with replacing(path) as temporary:
         film.save(temporary, np.asarray(frames), fps)
@@ -241,7 +239,7 @@ def _chosen(
         return name, arrays[name]
     if len(candidates) != 1:
         problem = f"{' and '.join(candidates)} could each be the {kind}" if candidates else f"no {kind} was recognised"
-        raise FormatError(f"{path}: {problem}; the file holds {there}: name one by key")
+        raise FormatError(f"{path}: {problem}; the file holds {there}: name the {kind} by key=")
     return candidates[0], arrays[candidates[0]]
 
 

@@ -8,7 +8,7 @@ from typing import Any
 
 import numpy as np
 
-from pnp_sci._validate import finite_number, real_array, whole
+from pnp_sci._validate import finite_number, real_array, shown, whole
 from pnp_sci.errors import InputError
 from pnp_sci.sensing.operator import are_signed, as_masks
 
@@ -264,9 +264,9 @@ def _largest_off_diagonal(matrix: np.ndarray) -> float:
 def _checked(shape: Any, density: Any, seed: Any) -> tuple[int, ...]:
     sizes = tuple(shape) if isinstance(shape, Iterable) else ()
     if len(sizes) != 4 or not all(isinstance(n, int | np.integer) and n >= 1 for n in sizes):
-        raise InputError(f"shape is {shape!r}: (views, frames, rows, columns) was expected, whole numbers >= 1")
+        raise InputError(f"shape is {shown(shape)}: (views, frames, rows, columns) was expected, whole numbers >= 1")
     if finite_number("density", density, "a number in [0, 1]") > 1:
-        raise InputError(f"density is {density!r}: a number in [0, 1] was expected")
+        raise InputError(f"density is {shown(density)}: a number in [0, 1] was expected")
     whole("seed", seed, 0)
     return tuple(int(n) for n in sizes)
 
@@ -274,5 +274,5 @@ def _checked(shape: Any, density: Any, seed: Any) -> tuple[int, ...]:
 def _shift(name: str, value: Any) -> np.ndarray:
     shift = real_array(name, value)
     if shift.shape != (2,) or shift.dtype.kind not in "iu":
-        raise InputError(f"{name} is {value!r}: two whole numbers, (rows, columns), were expected")
+        raise InputError(f"{name} is {shown(value)}: two whole numbers, (rows, columns), were expected")
     return shift

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import logging
 from collections.abc import Callable
 from typing import Any
 
@@ -10,7 +11,9 @@ import numpy as np
 from pnp_sci._validate import positive_number, real_array, white
 from pnp_sci.errors import InputError
 
+OTHER_UNITS = 2.0  # times white: no estimate is above in most of its pixels
 _SSIM_WINDOW = 11  # pixels: width of a Gaussian of standard deviation 1.5, truncated at 3.5 standard deviations
+_log = logging.getLogger("pnp_sci")
 
 
 def psnr(x: Any, reference: Any, peak: float | None = None) -> Any:
@@ -96,6 +99,9 @@ def _per_view(score: Callable[[np.ndarray, np.ndarray], float], x: Any, referenc
     if not (reference.min() >= -1e-6 and reference.max() <= 1 + 1e-6):
         spans = f"{reference.min() * peak:g} to {reference.max() * peak:g}"
         raise InputError(f"reference spans {spans}: values in [0, {peak:g}] were expected; peak= says what is white")
+    if np.mean(x > OTHER_UNITS) > 0.5:
+        told = f"more than half of x is above {OTHER_UNITS * peak:g} where white is {peak:g}, to which it is clipped"
+        _log.warning("%s: x and reference may be in different units", told)
     frame = x.shape[2:] if colour else x.shape[-2:]
     frames = zip(x.reshape(-1, *frame), reference.reshape(-1, *frame))
     values = np.array([score(np.clip(_floating(a), 0, 1), _floating(b)) for a, b in frames])

@@ -8,6 +8,7 @@ from collections.abc import Iterator
 from importlib import import_module
 from typing import Any
 
+from pnp_sci._validate import needed
 from pnp_sci.errors import UnknownPluginError
 from pnp_sci.plugins import combine, registry
 from pnp_sci.results.result import Result
@@ -51,6 +52,11 @@ def citations(result: Result) -> list[str]:
     list of str
         Each reference once.
 
+    Raises
+    ------
+    InputTypeError
+        If it is no Result.
+
     Examples
     --------
     >>> import pnp_sci
@@ -64,6 +70,7 @@ def citations(result: Result) -> list[str]:
     R. Lu
     W. James & C. Stein
     """
+    needed("result", result, Result)
     return list(dict.fromkeys(_papers(result.settings)))
 
 

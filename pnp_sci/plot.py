@@ -13,7 +13,8 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from pnp_sci._optional import needed_for
-from pnp_sci.errors import InputError
+from pnp_sci._validate import shown
+from pnp_sci.errors import InputError, InputTypeError
 from pnp_sci.formats.brightness import whites
 
 if TYPE_CHECKING:
@@ -151,7 +152,19 @@ def plot_recovery(
 
 
 def plot_history(result: Any) -> Figure:
-    """Residual, noise level and, where a reference was given, PSNR over the iterations; a line per measurement."""
+    """Residual, noise level and, where a reference was given, PSNR over the iterations; a line per measurement.
+
+    Parameters
+    ----------
+    result : Result
+
+    Raises
+    ------
+    InputTypeError
+        If it has no history.
+    """
+    if not hasattr(result, "history"):
+        raise InputTypeError(f"result is {shown(result)}: a Result was expected")
     table = {name: result.history[name] for name in ("measurement", "iteration", "residual", "sigma", "psnr")}
     curves = ["residual", "sigma"] + ["psnr"] * bool(np.isfinite(table["psnr"]).any())
     figure = _figure()(figsize=(3.4 * len(curves), 2.6), layout="constrained")
@@ -183,9 +196,17 @@ def _figure() -> type[Figure]:
 
 def _chosen(frames: Sequence[int] | None, count: int, most: int) -> np.ndarray:
     """The frames to show of so many, by default at most `most` of them."""
-    chosen = np.linspace(0, count - 1, min(count, most)).round().astype(int) if frames is None else np.array(frames)
-    if chosen.size == 0 or chosen.min() < 0 or chosen.max() >= count:
-        raise InputError(f"frames is {chosen.tolist()}: whole numbers from 0 to {count - 1} were expected")
+    if frames is None:
+        return np.linspace(0, count - 1, min(count, most)).round().astype(int)
+    chosen = np.array(frames)
+    if (
+        chosen.ndim != 1
+        or chosen.dtype.kind not in "iu"
+        or not chosen.size
+        or not 0 <= chosen.min() <= chosen.max() < count
+    ):
+        expected = f"a list of whole numbers from 0 to {count - 1} was expected"
+        raise InputError(f"frames is {shown(frames)}: {expected}")
     return chosen
 
 

@@ -69,7 +69,7 @@ class TV(Prior):
     ----------
     A. Chambolle, "An algorithm for total variation minimization and applications", JMIV 20 (2004).
     Z. Li & M. Yan, "New convergence analysis of a primal-dual algorithm with large stepsizes", Adv. Comput. Math. 47
-    (2021): steps up to 4/3.
+    (2021).
     X. Yuan, "Generalized alternating projection based total variation minimization for compressive sensing", ICIP 2016.
 
     Examples

@@ -13,6 +13,7 @@ import numba
 import torch
 from torch import nn
 
+from pnp_sci._validate import shown
 from pnp_sci.accel.fusion import fuse
 from pnp_sci.errors import InputError
 
@@ -25,7 +26,7 @@ def usable(device: str | None) -> torch.device:
             (torch.zeros(1, device=place) + 1).cpu()  # "meta" and others have tensors, but no values
     except (RuntimeError, AssertionError, ImportError, AttributeError) as error:
         why = (str(error).splitlines() or [type(error).__name__])[0]
-        raise InputError(f"device: {device!r} cannot be used here: {why}") from error
+        raise InputError(f"device: {shown(device)} cannot be used here: {why}") from error
     return place
 
 

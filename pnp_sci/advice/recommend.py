@@ -16,7 +16,7 @@ from typing import Any
 
 import numpy as np
 
-from pnp_sci._validate import whole
+from pnp_sci._validate import shown, whole
 from pnp_sci.errors import FormatError, InputError, InputTypeError
 from pnp_sci.plugins.registry import LEARNED
 from pnp_sci.plugins.resolve import as_prior
@@ -103,14 +103,17 @@ def recommend(
     True
     """
     if not (isinstance(budget_seconds, Real) and budget_seconds > 0):
-        raise InputError(f"budget_seconds is {budget_seconds!r}: a number > 0 was expected")
+        raise InputError(f"budget_seconds is {shown(budget_seconds)}: a number > 0 was expected")
     if not isinstance(like, str):
         like = _size(like)
     rows = _read(str(results or MEASURED))
     wait = _wait(rows) if loading and LEARNED[0] not in sys.modules else 0.0
     options = list(_options(rows, like, _installed(), wait))
     if not options:
-        raise InputError(f"like is {like!r}: a scene, a group or a size that was measured with truth was expected")
+        known = {row["case"]["scene"] for row in rows if _is_like(row, row["case"]["scene"])}
+        names = ", ".join(["dualview", "singleview", *sorted(known)])
+        expected = f"a size (views, frames, rows, columns), or one of these was expected: {names}"
+        raise InputError(f"like is {shown(like)}: {expected}")
     within = [option for option in options if option.seconds <= budget_seconds]
     if not within:
         quickest = min(option.seconds for option in options)
@@ -200,12 +203,9 @@ def _here(row: dict[str, Any], like: str | Sequence[int]) -> dict[str, Any]:
 
 def _size(like: Any) -> tuple[int, ...]:
     """Views, frames, rows and columns."""
-    try:
-        size = tuple(whole("like", n, 1) for n in like)
-    except TypeError:
-        size = ()
-    if len(size) != 4:
-        raise InputError(f"like is {like!r}: a scene, a group or (views, frames, rows, columns) was expected")
+    size = tuple(whole("like", n, 1) for n in like) if np.shape(like) == (4,) else ()
+    if not size:
+        raise InputError(f"like is {shown(like)}: a scene, a group or (views, frames, rows, columns) was expected")
     return size
 
 

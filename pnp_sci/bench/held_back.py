@@ -7,6 +7,7 @@ from typing import Any
 
 import numpy as np
 
+from pnp_sci._validate import shown
 from pnp_sci.errors import InputError
 from pnp_sci.sensing.operator import SensingOperator
 
@@ -77,7 +78,7 @@ def held_back_score(
     True
     """
     if not 0 < fraction < 1:
-        raise InputError(f"fraction is {fraction!r}: a number between 0 and 1 was expected")
+        raise InputError(f"fraction is {shown(fraction)}: a number between 0 and 1 was expected")
     if np.ndim(masks) != 4 or np.shape(masks)[2:] != np.shape(y):
         raise InputError(
             f"masks has shape {np.shape(masks)}, but y {np.shape(y)}: (V, B, H, W) and (H, W) were expected"

@@ -6,7 +6,7 @@ from typing import Any
 
 import numpy as np
 
-from pnp_sci._validate import positive_number, real_array, require_finite, whole
+from pnp_sci._validate import positive_number, real_array, require_finite, shown, whole
 from pnp_sci.camera.calibration import Calibration, cut
 from pnp_sci.camera.clipped import Clipped, clipped, grey_level
 from pnp_sci.camera.quality import lamp_gains, measure_quality
@@ -180,5 +180,5 @@ def _checked_crop(crop: Any) -> tuple[int, int, int, int]:
     try:
         top, left, rows, columns = crop
     except (TypeError, ValueError) as error:
-        raise InputError(f"crop is {crop!r}: (top, left, rows, columns) was expected") from error
+        raise InputError(f"crop is {shown(crop)}: (top, left, rows, columns) was expected") from error
     return whole("crop", top, 0), whole("crop", left, 0), whole("crop", rows, 1), whole("crop", columns, 1)

@@ -95,7 +95,23 @@ class Calibration:
         return np.ma.MaskedArray(y, np.broadcast_to(self.bad, y.shape))
 
     def cropped(self, name: str, pictures: np.ndarray) -> np.ndarray:
-        """The part of pictures as large as the raw ones, (..., H0, W0), that all arrays cover; errors give `name`."""
+        """The part of pictures as large as the raw ones that all arrays cover.
+
+        Parameters
+        ----------
+        name : str
+            What errors call the pictures.
+        pictures : ndarray, (..., H0, W0)
+
+        Returns
+        -------
+        ndarray, (..., H, W)
+
+        Raises
+        ------
+        InputError
+            If they have another size.
+        """
         return cut(name, pictures, self.crop, self.size)
 
     def plot(self) -> Figure:
@@ -105,7 +121,12 @@ class Calibration:
         return draw(self)
 
     def save(self, path: str | Path) -> None:
-        """Write NPZ, HDF5 or MAT, which ``read_masks`` and :meth:`load` read; the quality is not kept."""
+        """Write NPZ, HDF5 or MAT, which ``read_masks`` and :meth:`load` read; the quality is not kept.
+
+        Parameters
+        ----------
+        path : path
+        """
         numbers = {"crop": self.crop, "size": self.size}
         numbers |= {} if self.full_scale is None else {"full_scale": (self.full_scale,)}
         arrays = {"masks": self.masks, "dark": self.dark, "bad": self.bad}
@@ -113,12 +134,24 @@ class Calibration:
 
     @classmethod
     def load(cls, path: str | Path) -> Calibration:
-        """Read what :meth:`save` wrote; raises FileNotFoundError or FormatError."""
-        masks, arrays = io.read_masks(path, key="masks"), arrays_of(Path(path))
-        try:
-            dark, bad, crop, size = (arrays[name] for name in ("dark", "bad", "crop", "size"))
-        except KeyError as missing:
-            raise FormatError(f"{path} holds no calibration: {missing} is missing") from None
+        """Read what :meth:`save` wrote.
+
+        Parameters
+        ----------
+        path : path
+
+        Raises
+        ------
+        FileNotFoundError
+            If there is no such file.
+        FormatError
+            If it is damaged or holds no calibration.
+        """
+        arrays, needed = arrays_of(Path(path)), ("masks", "dark", "bad", "crop", "size")
+        if lacking := [name for name in needed if name not in arrays]:
+            raise FormatError(f"{path} is no calibration: it lacks {', '.join(lacking)}")
+        masks = io.read_masks(path, key="masks")
+        dark, bad, crop, size = (arrays[name] for name in needed[1:])
         if not (dark.shape == bad.shape == masks.shape[2:] and crop.size == 4 and size.size == 2):
             raise FormatError(f"{path}: masks {masks.shape}, dark {dark.shape} and bad {bad.shape} do not fit together")
         top, left, rows, columns, height, width = map(int, (*crop.flat, *size.flat))

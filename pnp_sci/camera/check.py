@@ -18,13 +18,13 @@ from pnp_sci.sensing.sensor import Sensor
 
 
 def check_fit(y: Any, masks: Any, *, noise: Any = "auto", bad: Any = None, frame_order: bool = False) -> Any:
-    """Check whether a measurement and its masks belong together, in some milliseconds.
+    """Check whether a measurement and its masks belong together: in less than a second for 2 x 10 frames of 256 x 256.
 
     Parameters
     ----------
     y : array_like, (H, W) or (N, H, W)
         The measurement, in any unit, or N of them.
-    masks : array_like, (V, B, H, W) or (B, H, W), or SensingOperator
+    masks : array_like, (V, B, H, W), (B, H, W) or (N, V, B, H, W), or SensingOperator
     noise : "auto", float or Sensor
         A :class:`~pnp_sci.Sensor` says where the camera is saturated.
     bad : array_like of bool, (H, W), optional

@@ -7,7 +7,7 @@ from typing import Any, Literal
 
 import numpy as np
 
-from pnp_sci._validate import one_of
+from pnp_sci._validate import one_of, shown
 from pnp_sci.camera.black_level import black_level
 from pnp_sci.camera.explained import BLOCK
 from pnp_sci.camera.local_model import LocalModel
@@ -17,7 +17,7 @@ from pnp_sci.camera.search import search, trusted, whole_pixels
 from pnp_sci.camera.warp import ORDERS, Transform
 from pnp_sci.errors import InputError
 from pnp_sci.sensing.operator import as_masks
-from pnp_sci.sensing.problem import check_measurement
+from pnp_sci.sensing.problem import check_measurement, check_pixels
 
 LEAST = 2  # blocks a side
 MOST = 8  # measurements that are looked at, evenly spaced: more gain nothing that matters
@@ -129,16 +129,12 @@ def registration_for(asked: bool | Registration, y: np.ndarray, masks: Any) -> R
 
 
 def _check(measurements: np.ndarray, masks: np.ndarray, each_view: Any, interpolation: Any) -> None:
-    if masks.shape[2:] != measurements.shape[1:]:
-        raise InputError(
-            f"masks has frames of {masks.shape[2]} x {masks.shape[3]}, but y is {measurements.shape[1]} x "
-            f"{measurements.shape[2]}: the last two dimensions must agree"
-        )
+    check_pixels(masks, measurements)
     if min(masks.shape[2:]) < LEAST * BLOCK:
         rows, columns = masks.shape[2:]
         raise InputError(f"masks has frames of {rows} x {columns}: {LEAST * BLOCK} pixels a side or more were expected")
     if not (isinstance(each_view, bool) or each_view == "auto"):
-        raise InputError(f'each_view is {each_view!r}: True, False or "auto" was expected')
+        raise InputError(f'each_view is {shown(each_view)}: True, False or "auto" was expected')
     one_of("interpolation", interpolation, ("auto", *ORDERS))
 
 

@@ -42,8 +42,11 @@ def calibrate(
 
     stacks = [io.read(file) for file in patterns]
     for file, stack in zip(patterns, stacks):
-        if stack.ndim != 3 or len(stack) % repeats or stack.shape != stacks[0].shape:
-            came = f"{file} has pictures {stack.shape}"
+        if stack.ndim != 3:
+            came = f"{file} holds an array {stack.shape}"
+            raise InputError(f"{came}: (pictures, rows, columns), at least a picture of each pattern, was expected")
+        if len(stack) % repeats or stack.shape != stacks[0].shape:
+            came = f"{file} has {len(stack)} pictures of {stack.shape[1]} x {stack.shape[2]}"
             raise InputError(f"{came}: a multiple of {repeats} of one size and number for all views was expected")
     raw = np.stack([stack.reshape(-1, repeats, *stack.shape[1:]) for stack in stacks])
     black, lit = (None if file is None else io.read(file) for file in (dark, white))

@@ -10,6 +10,7 @@ import click
 from pnp_sci.cli.inputs import calibrated, masks_for, of_one, one_of, true_video
 from pnp_sci.cli.kinds import FILE, PAGE, SEED, Command, Output
 from pnp_sci.cli.options import bad_pixels, camera, camera_options, interactive, words
+from pnp_sci.cli.words import as_options
 
 if TYPE_CHECKING:
     from pnp_sci.bench import Trial
@@ -97,7 +98,7 @@ def compare(
         bad=unused,
     )
     for line in (*(f"Warning: {text}" for text in result.fit.warnings), *map(_line, result.trials)):
-        click.echo(line)
+        click.echo(as_options(line))
     if json_file is not None:
         with replacing(json_file) as temporary:
             temporary.write_text(result.as_json() + "\n", encoding="utf-8")

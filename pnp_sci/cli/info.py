@@ -3,12 +3,14 @@
 from __future__ import annotations
 
 import json
+import re
 from pathlib import Path
 from typing import TYPE_CHECKING
 
 import click
 
 from pnp_sci.cli.kinds import FILE, POSITIVE
+from pnp_sci.cli.words import as_options
 from pnp_sci.errors import FormatError, UnknownPluginError
 
 if TYPE_CHECKING:
@@ -76,7 +78,7 @@ def _print_fit(y: np.ndarray, masks: np.ndarray) -> None:
         return
     fits = check_fit(y, masks)
     for n, fit in enumerate(fits if isinstance(fits, list) else [fits], 1):
-        click.echo(f"\n{f'Measurement {n}: ' if y.ndim == 3 else ''}{fit}")
+        click.echo(as_options(f"\n{f'Measurement {n}: ' if y.ndim == 3 else ''}{fit}"))
 
 
 @click.command()
@@ -114,6 +116,7 @@ def _summary(kind: str, name: str) -> str:
     from pnp_sci.plugins.registry import load
 
     try:
-        return (load(kind, name).__doc__ or "").strip().partition("\n")[0]
+        line = (load(kind, name).__doc__ or "").strip().partition("\n")[0]
     except UnknownPluginError as error:
         return f"({error})"
+    return re.sub(r":\w+:`~?([^`]+)`", r"\1", line).replace("``", "")

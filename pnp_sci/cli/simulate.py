@@ -50,8 +50,10 @@ def simulate(
     from pnp_sci.masks import moving_masks, random_masks
     from pnp_sci.sensing.simulate import simulate as measure
 
-    x = _views(videos, views, frames, mosaic is not None)
     makers = {"moving": moving_masks, "random": random_masks}
+    if masks not in makers and not Path(masks).exists():
+        raise click.BadParameter(f"{masks!r} came, moving, random or a file was expected", param_hint="--masks")
+    x = _views(videos, views, frames, mosaic is not None)
     phi = makers[masks](x.shape[:4], seed=seed) if masks in makers else io.read_masks(masks, len(x))
     y = measure(x, phi, noise, seed, bits, mosaic=mosaic)
     in_matlab = mosaic is not None and out.suffix.lower() == ".mat"  # rows, columns, then colours

@@ -11,6 +11,7 @@ from pnp_sci.cli.inputs import calibrated, masks_for, one_of, usable_truth
 from pnp_sci.cli.kinds import FILE, POSITIVE, SEED, Command, Output
 from pnp_sci.cli.options import bad_pixels, camera, camera_options, interactive, pairs, solver_options, stages
 from pnp_sci.cli.outputs import SAVED, SHOWN, White, check_white, named, print_scores, save_somewhere
+from pnp_sci.cli.words import as_options
 
 
 @click.command(cls=Command)
@@ -81,6 +82,7 @@ def solve(
     masks = masks_for(measurement, masks_file or calibration, views, masks_key)
     unused = bad_pixels(bad)
     if calibration is not None:
+        _say_whose(masks_file, calibration)
         made, unused, full_scale = calibrated(calibration, unused, full_scale)
         y = made.correct(y)
     elif masks_file is not None and _is_calibration(masks_file):
@@ -100,10 +102,17 @@ def solve(
     if video is not None:
         result.export(video, fps, white)
         written.append(named(video, fps))
-    click.echo(repr(result))
+    click.echo(as_options(repr(result)))
     print_scores(result.x, truth, peak, colour)
     click.echo(f"Written: {', '.join(written)}")
     result.raise_for_status()
+
+
+def _say_whose(masks_file: Path | None, calibration: Path) -> None:
+    """Say what is taken of which file, where both are given."""
+    if masks_file is not None:
+        taken = f"the masks are those of {masks_file}, dark frame and bad pixels those of {calibration}"
+        click.echo(f"--masks and --calibration: {taken}", err=True)
 
 
 def _is_calibration(path: Path) -> bool:

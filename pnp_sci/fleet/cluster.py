@@ -11,6 +11,7 @@ from pathlib import Path
 from typing import Any
 
 from pnp_sci._optional import needed_for
+from pnp_sci._validate import shown
 from pnp_sci.errors import InputTypeError
 from pnp_sci.fleet.job import Chunk, Job
 from pnp_sci.fleet.work import JobPlugin, put_failures, solve_chunk
@@ -34,7 +35,9 @@ def cores() -> int:
 def check_client(client: Any) -> None:
     """Raise an InputTypeError if `client` is neither None, an address nor a Client."""
     if client is not None and not isinstance(client, (str, Client)):
-        raise InputTypeError(f"client is {client!r}: None, a scheduler's address or a distributed.Client was expected")
+        raise InputTypeError(
+            f"client is {shown(client)}: None, a scheduler's address or a distributed.Client was expected"
+        )
 
 
 @contextmanager

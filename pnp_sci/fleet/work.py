@@ -46,7 +46,7 @@ class JobPlugin(WorkerPlugin):
             _log.propagate = False
 
 
-def solve_chunk(job_name: str, chunk: Chunk, y: np.ndarray | None, preview: bool, measure: bool) -> dict[str, Any]:
+def solve_chunk(job_name: str, chunk: Chunk, y: Any, preview: bool, measure: bool) -> dict[str, Any]:
     """Solve a chunk of a job and write it; `y` is what must be read for it, if the worker cannot.
 
     Returns
@@ -62,7 +62,7 @@ def solve_chunk(job_name: str, chunk: Chunk, y: np.ndarray | None, preview: bool
     with _collected_warnings() as warnings:
         try:
             around = job.around(chunk, preview)
-            y: Any = job.source.read(*around) if y is None else y  # masked where pixels are bad
+            y = job.source.read(*around) if y is None else y  # masked where pixels are bad
             inside = slice(chunk.start - around.start, chunk.stop - around.start)
             black = [n for n in range(chunk.start, chunk.stop) if not y[n - around.start].any()]
             nothing = InputError("y is 0 everywhere: a part of its file may be missing")

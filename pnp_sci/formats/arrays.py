@@ -15,7 +15,7 @@ from pnp_sci.formats import film, folder, hdf5, mat, npz, pictures, tiff, zarr
 ONLY = "array"  # key of the array in formats that hold one array without a name
 MAT = {".mat"}
 NUMPY_LIKE = {".npy", ".npz", ".h5", ".hdf5"}
-VIDEO = {".mp4", ".avi", ".mov", ".mkv", ".gif"}
+VIDEO = (".mp4", ".avi", ".mov", ".mkv", ".gif")
 CONTAINERS = {".npz", ".mat", ".h5", ".hdf5"}  # formats with several named arrays
 PLANES_FIRST_IN_MAT = mat.PLANES_FIRST
 NO_IMAGINARY = 1e-6  # of the largest value: imaginary parts that rounding leaves, as of an inverse Fourier transform

@@ -6,6 +6,7 @@ from typing import Any
 
 import numpy as np
 
+from pnp_sci._validate import shown
 from pnp_sci.errors import InputError
 
 PERCENTILE = 99.9  # a few overshooting pixels do not darken the picture
@@ -54,5 +55,5 @@ def whites(white: Any, x: np.ndarray, default: float | None = None) -> np.ndarra
     except (TypeError, ValueError):
         levels = np.array(np.nan)
     if levels.shape not in ((), (1,), (views,)) or not (np.isfinite(levels) & (levels > 0)).all():
-        raise InputError(f'white is {white!r}: a number > 0, {views} of them (one a view), or "view" was expected')
+        raise InputError(f'white is {shown(white)}: a number > 0, {views} of them (one a view), or "view" was expected')
     return np.broadcast_to(levels, views).copy()

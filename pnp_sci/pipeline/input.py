@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import logging
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from contextvars import ContextVar
 from dataclasses import dataclass, field, replace
@@ -32,6 +32,7 @@ from pnp_sci.sensing.problem import (
 )
 from pnp_sci.sensing.sensor import Sensor
 
+MOST_VIEWS = 4  # that are usual on one sensor
 PASSES = 3  # of quick estimates in which bad pixels are looked for
 _log = logging.getLogger("pnp_sci")
 _told: ContextVar[bool] = ContextVar("told", default=False)
@@ -156,9 +157,10 @@ class Input:
         op, largest = check_operator(registration.masks, measurements)
         return replace(self, measurements=measurements, ops=[op], largest=largest, registration=registration), sensor
 
-    def found(self, scene: dict[str, Any], fit: Fit) -> dict[str, Any]:
-        """What was found of a scene, with how its measurement fits, and where the masks are."""
-        remarks = [*scene["remarks"], *_of_light(scene["light"] or []), *fit.warnings]
+    def found(self, scene: dict[str, Any], fit: Fit, remarks: Sequence[str] = ()) -> dict[str, Any]:
+        """What was found of a scene, with how its measurement fits, and where the masks are; after other remarks."""
+        of_scene = [*scene["remarks"], *_of_light(scene["light"] or []), *fit.warnings]
+        remarks = [*remarks, *_of_axes(self.op.shape), *of_scene]
         if self.registration is None:
             return scene | {"fit": fit.describe(), "remarks": remarks}
         remarks.append(f"register: {self.registration.in_words()}")
@@ -168,10 +170,21 @@ class Input:
         """How each measurement fits the masks; what is wrong is logged."""
         fits = check_all(self.ops, self.measurements, sensor, self.bad, warn_of_bad=not self.find_bad)
         if not _told.get():
+            for text in _of_axes(self.op.shape):
+                _log.warning("%s", text)
             for text, numbers in _by_warning(fits).items():
                 several = f"measurement{'s' * (len(numbers) > 1)} {counted(numbers)}: "
                 _log.warning("%s%s", several if len(fits) > 1 else "", text)
         return fits
+
+
+def _of_axes(shape: tuple[int, ...]) -> list[str]:
+    """A remark on masks (V, B, H, W) whose views may be frames: more than any camera has, and more than frames."""
+    views, frames = shape[:2]
+    if views <= max(MOST_VIEWS, frames):
+        return []
+    text = f"masks have {views} views of {frames} frame{'s' * (frames > 1)}, as (views, frames, rows, columns)"
+    return [f"{text}: if it is the other way round, give masks.swapaxes(-4, -3)"]
 
 
 def _of_light(light: list[list[float]]) -> list[str]:

@@ -80,8 +80,9 @@ class Reference:
 
     def _mean(self, metric: Callable[..., Any], x: np.ndarray, n: int, unit: float | np.ndarray = 1.0) -> float:
         begin = time.perf_counter()
-        with np.errstate(over="ignore"):  # metrics clip to [0, 1]
-            mean = float(np.mean(metric(self.shown(x * (unit / self.white)), self.array[n] / self.white)))
+        with np.errstate(over="ignore"):  # clipped as metrics do; other units are among the remarks
+            video = np.clip(self.shown(x * (unit / self.white)), 0, 1)
+        mean = float(np.mean(metric(video, self.array[n] / self.white)))
         self.seconds += time.perf_counter() - begin
         return mean
 

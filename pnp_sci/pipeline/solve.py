@@ -38,16 +38,12 @@ def solve_all(y: Any, masks: Any, reference: Any, peak: float | None, options: d
     options["init"] = given.modelled(options["init"])
     op, count = given.op, len(given.measurements)
     request = check_request(op, count, **options, mosaic=given.mosaic)
-    if options["sequence"] and np.ndim(y) != 3:
+    if (options["sequence"] is True or request.sequence > 1) and np.ndim(y) != 3:
         raise InputError(f"sequence is {options['sequence']}, but y has shape {np.shape(y)}: (N, H, W) was expected")
     peak = None if peak is None else positive_number("peak", peak)
     colours = () if given.mosaic is None else (3,)
     truth = None if reference is None else Reference(reference, (count, *op.shape, *colours), peak, given.shown)
-    if request.sigma is not None and request.sigma > 1:
-        _log.warning(
-            "sigma is %g, but it is in units where x spans about [0, 1]: if these are grey levels of 255, give %.2g",
-            request.sigma, request.sigma / 255,
-        )  # fmt: skip
+    remarks = _of_options(request)
 
     videos = np.empty((count, *op.shape), op.dtype)
     outcomes: list[Outcome] = []
@@ -75,9 +71,18 @@ def solve_all(y: Any, masks: Any, reference: Any, peak: float | None, options: d
         Status.worst([outcome.status for outcome in outcomes]),
         History(record for outcome in outcomes for record in outcome.records),
         package_settings(request, outcomes) | provenance(y, masks, given.largest, problems, began),
-        [given.found(scene, fit) for scene, fit in zip(scenes, fits)],
+        [given.found(scene, fit, remarks) for scene, fit in zip(scenes, fits)],
         errors if errors is None or np.ndim(y) == 3 else errors[0],
     )
+
+
+def _of_options(request: Request) -> list[str]:
+    """What to know of the options before a result is used; it is logged, too."""
+    if request.sigma is None or request.sigma <= 1:
+        return []
+    text = f"sigma is {request.sigma:g}, but it is in units where x spans about [0, 1]"
+    _log.warning(told := f"{text}: if these are grey levels of 255, give {request.sigma / 255:.2g}")
+    return [told]
 
 
 def _posed(

@@ -8,6 +8,7 @@ from typing import Any
 
 import numpy as np
 
+from pnp_sci._validate import needed
 from pnp_sci.plugins.combine import Stages
 from pnp_sci.plugins.protocols import Decoder, Prior, Session, Traits
 from pnp_sci.sensing.mosaic import Mosaic, quarters
@@ -28,6 +29,11 @@ class Mosaicked(Prior):
     prior : Prior
     mosaic : Mosaic
 
+    Raises
+    ------
+    InputTypeError
+        If they are anything else.
+
     References
     ----------
     Those of :class:`pnp_sci.sensing.mosaic.Mosaic`.
@@ -42,6 +48,10 @@ class Mosaicked(Prior):
 
     prior: Prior
     mosaic: Mosaic
+
+    def __post_init__(self):
+        needed("prior", self.prior, Prior)
+        needed("mosaic", self.mosaic, Mosaic)
 
     def traits(self, shape: tuple[int, ...]) -> Traits:
         """Those of the prior, as is its warm-up; but frames in planes, which have seams, are not displaced."""

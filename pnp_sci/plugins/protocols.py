@@ -33,6 +33,11 @@ class Traits:
     motion : bool
         It averages frames along a motion that it finds in them. Before each call the solver displaces frames where the
         data say so, see :mod:`pnp_sci.solvers.displacement`.
+
+    Examples
+    --------
+    >>> Traits(strong=True).average
+    False
     """
 
     strong: bool = False
@@ -68,7 +73,15 @@ class Session(Protocol):
         ...
 
     def finish(self, x: np.ndarray, sigma: float) -> np.ndarray:
-        """What the solver returns instead of its last estimate x (V, B, H, W); by default x itself."""
+        """What the solver returns instead of its last estimate; by default that itself.
+
+        Parameters
+        ----------
+        x : ndarray, (V, B, H, W)
+            The last estimate.
+        sigma : float
+            Standard deviation of the noise, as for a call.
+        """
         return x
 
     def facts(self) -> Mapping[str, Any]:
@@ -81,11 +94,25 @@ class Prior(Protocol):
     """A denoiser that encodes what is assumed of a video. Immutable: threads and processes may share one."""
 
     def traits(self, shape: tuple[int, ...]) -> Traits:
-        """What the solver must know beforehand, for videos (V, B, H, W) of this shape."""
+        """What the solver must know beforehand.
+
+        Parameters
+        ----------
+        shape : tuple of int
+            (V, B, H, W) of the videos.
+        """
         return Traits()
 
     def begin(self, shape: tuple[int, ...], dtype: np.dtype) -> Session:
-        """A new session, for one video of this shape (V, B, H, W) and dtype (float32 or float64)."""
+        """A new session, for one video.
+
+        Parameters
+        ----------
+        shape : tuple of int
+            (V, B, H, W)
+        dtype : dtype
+            float32 or float64.
+        """
         ...
 
 
@@ -126,6 +153,13 @@ class Decoder(Protocol):
 
     def __call__(self, problem: Problem, scene: SceneModel) -> np.ndarray:
         """Decode a measurement.
+
+        Parameters
+        ----------
+        problem : Problem
+            Operator, measurement and noise, in units where the video spans about [0, 1].
+        scene : SceneModel
+            Which views are dark or still.
 
         Returns
         -------

@@ -6,6 +6,7 @@ from functools import cache
 from importlib.metadata import EntryPoint, entry_points
 from typing import Any
 
+from pnp_sci._validate import shown
 from pnp_sci.errors import InputError, InputTypeError, UnknownPluginError
 
 LEARNED = "torch", "safetensors"  # what networks need, and the extra of this name installs
@@ -41,7 +42,7 @@ def load(kind: str, name: str, argument: str = "") -> Any:
     if not isinstance(name, str) or name not in plugins:
         built_in = BUILT_IN[kind] if argument in ("", "init") else ()
         names = ", ".join([*built_in, *plugins]) or "none installed"
-        raise UnknownPluginError(f"{argument or kind[:-1]} is {name!r}: one of these was expected: {names}")
+        raise UnknownPluginError(f"{argument or kind[:-1]} is {shown(name)}: one of these was expected: {names}")
     if name in _registered[kind]:
         return _registered[kind][name]
     try:
@@ -61,7 +62,7 @@ def makers(kind: str) -> dict[str, str]:
 
 def _needs(kind: str, name: str, missing: ModuleNotFoundError) -> str:
     package = str(missing.name).partition(".")[0]
-    wanted = '"pnp-sci[learned]"' if package in LEARNED else package
+    wanted = '".[learned]" in the folder of the sources' if package in LEARNED else package
     return (
         f"{kind[:-1]} {name!r} needs the module {missing.name!r}, which is not installed: "
         f"python -m pip install {wanted}"
@@ -122,7 +123,8 @@ def register_decoder(name: str, decoder: Any) -> None:
 def _register(kind: str, name: str, factory: Any) -> None:
     taken = BUILT_IN[kind]
     if not isinstance(name, str) or not name or set(name) & set("+:,") or name in taken:
-        raise InputError(f"name is {name!r}: a name without +, : and , other than {' and '.join(taken)} was expected")
+        expected = f"a name without +, : and , other than {' and '.join(taken)} was expected"
+        raise InputError(f"name is {shown(name)}: {expected}")
     if not callable(factory):
-        raise InputTypeError(f"{kind[:-1]} is {factory!r}: a class or function that makes one was expected")
+        raise InputTypeError(f"{kind[:-1]} is {shown(factory)}: a class or function that makes one was expected")
     _registered[kind][name] = factory

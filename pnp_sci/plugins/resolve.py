@@ -9,7 +9,7 @@ from typing import Any
 
 import numpy as np
 
-from pnp_sci._validate import finite_number, real_array, require_finite, shaped, whole
+from pnp_sci._validate import finite_number, real_array, require_finite, shaped, shown, whole
 from pnp_sci.errors import InputError, InputTypeError
 from pnp_sci.plugins import registry
 from pnp_sci.plugins.combine import FunctionPrior, Identity, Joint, Stages
@@ -46,7 +46,7 @@ def as_prior(prior: Any, *, device: str | None = None, seed: int = 0, **options:
     used: set[str] = set()
     made = _made(prior, {"device": device, "seed": seed, **options}, used)
     if unknown := set(options) - used:
-        raise InputError(f"prior {prior!r} takes no option {', '.join(sorted(unknown))}")
+        raise InputError(f"prior {shown(prior)} takes no option {', '.join(sorted(unknown))}")
     return made
 
 
@@ -64,9 +64,16 @@ def _made(prior: Any, options: dict[str, Any], used: set[str]) -> Prior:
     if callable(prior) and not isinstance(prior, type) and _takes(prior, 2):
         return FunctionPrior(prior)
     raise InputTypeError(
-        f"prior is {prior!r}: a name, a Prior, a callable (x, sigma), a torch module or a sequence of "
+        f"prior is {_called(prior)}: a name, a Prior, a callable (x, sigma), a torch module or a sequence of "
         "(prior, iterations) was expected"
     )
+
+
+def _called(thing: Any) -> str:
+    """What came in place of a function, with the arguments that it takes."""
+    if not inspect.isroutine(thing):
+        return shown(thing)
+    return f"{shown(thing)}, which takes {inspect.signature(thing)}"
 
 
 def _is_stage(stage: Any) -> bool:
@@ -79,10 +86,14 @@ def _named(prior: str, options: dict[str, Any], used: set[str]) -> Prior:
     if "+" in prior:
         return Joint([_named(name.strip(), options, used) for name in prior.split("+")])
     if prior == "auto":
-        raise InputError("prior 'auto' stands alone: in a combination, the names of priors were expected")
+        names = ", ".join(registry.available("priors"))
+        raise InputError(
+            f"prior is 'auto', which solve alone can choose, not in a combination: a name was expected: {names}"
+        )
     factory = registry.load("priors", prior)
     taken = {name: value for name, value in options.items() if name in inspect.signature(factory).parameters}
     used.update(taken)
+    _require_options("prior", prior, factory, taken)
     try:
         made = factory(**taken)
     except (InputError, InputTypeError):
@@ -91,6 +102,16 @@ def _named(prior: str, options: dict[str, Any], used: set[str]) -> Prior:
         given = {name: value for name, value in taken.items() if name not in ("device", "seed")}
         raise InputTypeError(f"prior {prior!r} cannot be made with {given}: {error}") from error
     return _made(made, options, used)  # a factory may return a function
+
+
+def _require_options(kind: str, name: str, factory: Callable, options: dict[str, Any]) -> None:
+    """Raise an InputTypeError if a factory cannot do without options that were not given."""
+    variable = inspect.Parameter.VAR_POSITIONAL, inspect.Parameter.VAR_KEYWORD
+    parameters = inspect.signature(factory).parameters.values()
+    needed = [p.name for p in parameters if p.default is p.empty and p.kind not in variable and p.name not in options]
+    if needed:
+        expected = f"what register_{kind} takes makes a {kind} from options, as lambda: my_{kind} does"
+        raise InputTypeError(f"{kind} {name!r} needs {' and '.join(needed)} as options; {expected}")
 
 
 def _takes(function: Callable, arguments: int) -> bool:
@@ -119,6 +140,12 @@ class FunctionDecoder(Decoder):
 def as_decoder(decoder: Any, **options: Any) -> Decoder:
     """The decoder that a name, a :class:`~pnp_sci.Decoder` or a function ``(problem, scene)`` stands for.
 
+    Parameters
+    ----------
+    decoder : str, Decoder, or callable (problem, scene)
+    **options
+        For the constructor of a named decoder, such as ``device="cuda"``.
+
     Raises
     ------
     InputError, InputTypeError
@@ -133,6 +160,7 @@ def decoder_for(argument: str, decoder: Any, options: dict[str, Any], device: st
         factory = registry.load("decoders", decoder, argument)
         if device is not None and "device" in inspect.signature(factory).parameters:
             options = {"device": device, **options}
+        _require_options("decoder", decoder, factory, options)
         try:
             inspect.signature(factory).bind(**options)
         except TypeError as error:
@@ -141,7 +169,7 @@ def decoder_for(argument: str, decoder: Any, options: dict[str, Any], device: st
     if options:
         raise InputError(f"options {', '.join(sorted(options))}: the name of a decoder was expected beside them")
     if isinstance(decoder, type) or not callable(decoder) or not _takes(decoder, 2):
-        raise InputTypeError(f"{argument} is {decoder!r}: a name or a callable (problem, scene) was expected")
+        raise InputTypeError(f"{argument} is {_called(decoder)}: a name or a callable (problem, scene) was expected")
     return decoder if isinstance(decoder, Decoder) else FunctionDecoder(decoder)
 
 

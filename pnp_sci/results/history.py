@@ -10,6 +10,7 @@ from typing import overload
 
 import numpy as np
 
+from pnp_sci._validate import shown
 from pnp_sci.errors import InputError
 
 
@@ -95,7 +96,7 @@ class History(Sequence[Record]):
         """One record, a part of the history, or the values of one field (None is NaN)."""
         if isinstance(index, str):
             if index not in self.names:
-                raise InputError(f"index is {index!r}: one of {', '.join(self.names)} was expected")
+                raise InputError(f"index is {shown(index)}: one of {', '.join(self.names)} was expected")
             return self.table()[:, self.names.index(index)]
         return History(self._records[index]) if isinstance(index, slice) else self._records[index]
 

@@ -69,6 +69,8 @@ def load(path: Path) -> dict[str, Any]:
         return _fields(_READERS[path.suffix.lower()](path))
     except MissingExtraError:
         raise
+    except KeyError as error:
+        raise FormatError(f"{path} cannot be read as a result, as it holds none: {error.args[0]}") from error
     except Exception as error:  # each library has its own exceptions for a damaged file
         reason = (str(error) or type(error).__name__).splitlines()[0]
         raise FormatError(f"{path} cannot be read as a result: {reason}") from error

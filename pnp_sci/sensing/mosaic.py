@@ -10,10 +10,11 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 
-from pnp_sci._validate import one_of
+from pnp_sci._validate import one_of, real_array
 from pnp_sci.errors import InputError
 from pnp_sci.sensing.operator import SensingOperator
 
@@ -28,17 +29,25 @@ DARKEST = 0.05  # of the brightest colour: a colour that is fainter in the whole
 
 def check_cells(name: str, shape: tuple[int, ...]) -> None:
     """Raise an InputError if pictures (..., H, W) of this shape are no whole cells."""
-    if shape[-2] % 2 or shape[-1] % 2:
+    if len(shape) < 2 or shape[-2] % 2 or shape[-1] % 2:
         raise InputError(f"{name} has shape {shape}: even rows and columns were expected, in cells of 2 x 2 pixels")
 
 
-def planes(picture: np.ndarray) -> np.ndarray:
-    """A mosaic (..., H, W) in planes: quarters (H / 2, W / 2), one for each pixel of the cells.
+def planes(picture: Any) -> np.ndarray:
+    """A mosaic in planes: quarters (H / 2, W / 2), one for each pixel of the cells.
+
+    Parameters
+    ----------
+    picture : array_like, (..., H, W)
+
+    Returns
+    -------
+    ndarray, (..., H, W)
 
     Raises
     ------
-    InputError
-        If there are no whole cells: H or W is odd.
+    InputError, InputTypeError
+        If it holds no real numbers, or no whole cells: H or W is odd.
 
     Examples
     --------
@@ -47,6 +56,7 @@ def planes(picture: np.ndarray) -> np.ndarray:
     array([[ 0,  2],
            [ 8, 10]])
     """
+    picture = real_array("picture", picture)
     check_cells("picture", picture.shape)
     return np.concatenate(
         [np.concatenate([picture[..., i::2, j::2] for j in (0, 1)], axis=-1) for i in (0, 1)], axis=-2
@@ -96,8 +106,25 @@ class Mosaic:
         """The colour of each pixel of a cell: 0 red, 1 green, 2 blue."""
         return ["RGB".index(colour) for colour in self.pattern]
 
-    def sample(self, video: np.ndarray) -> np.ndarray:
-        """What the sensor sees of a colour video (..., H, W, 3): its mosaic (..., H, W)."""
+    def sample(self, video: Any) -> np.ndarray:
+        """What the sensor sees of a colour video (..., H, W, 3): its mosaic (..., H, W).
+
+        Parameters
+        ----------
+        video : array_like, (..., H, W, 3)
+
+        Returns
+        -------
+        ndarray, (..., H, W)
+
+        Raises
+        ------
+        InputError, InputTypeError
+            If it is not in colour.
+        """
+        video = real_array("video", video)
+        if video.ndim < 3 or video.shape[-1] != 3:
+            raise InputError(f"video has shape {video.shape}: (..., rows, columns, 3) was expected")
         out = np.empty(video.shape[:-1], video.dtype)
         for (i, j), colour in zip(CELL, self.colours):
             out[..., i::2, j::2] = video[..., i::2, j::2, colour]
@@ -107,6 +134,13 @@ class Mosaic:
         """How bright each colour is beside the brightest, (3,): at most 1. y (..., H, W) and masks lie in planes.
 
         The root mean square of y over that of the masks, as masks may have been measured through the filters.
+
+        Parameters
+        ----------
+        y : ndarray, (..., H, W)
+            In planes.
+        op : SensingOperator
+            Of masks in planes.
         """
         light = np.zeros((2, 3))
         weights = op.masks.sum((0, 1), dtype=np.float64) ** 2 + op.gram
@@ -117,7 +151,14 @@ class Mosaic:
         return np.maximum(brightness / largest, DARKEST) if largest > 0 else np.ones(3)
 
     def spread(self, values: np.ndarray, shape: tuple[int, ...]) -> np.ndarray:
-        """A value for each colour (3,) as a picture (H, W) in planes."""
+        """A value for each colour as a picture (H, W) in planes.
+
+        Parameters
+        ----------
+        values : ndarray, (3,)
+        shape : tuple of int
+            (..., H, W)
+        """
         out = np.empty(shape[-2:], values.dtype)
         for colour, plane in zip(self.colours, _quarters(out)):
             plane[...] = values[colour]
@@ -128,6 +169,11 @@ class Mosaic:
 
         Chroma are the red-blue and the green-magenta contrast of each cell, both with weights of norm 1. Luma is
         what the mosaic has beyond the colour that they give each of its pixels, so that :meth:`join` returns x.
+
+        Parameters
+        ----------
+        x : ndarray, (V, B, H, W)
+            In planes.
         """
         at_cell = [_filtered(plane, TO_CELL[i], TO_CELL[j]) for (i, j), plane in zip(CELL, _quarters(x))]
         red, first, second, blue = (at_cell[k] for k in np.argsort(self.colours, kind="stable"))
@@ -138,7 +184,13 @@ class Mosaic:
         return luma, chroma
 
     def join(self, luma: np.ndarray, chroma: np.ndarray) -> np.ndarray:
-        """The video (V, B, H, W) in planes of this luma and chroma; the inverse of :meth:`split`."""
+        """The video (V, B, H, W) in planes of this luma and chroma; the inverse of :meth:`split`.
+
+        Parameters
+        ----------
+        luma : ndarray, (V, B, H, W)
+        chroma : ndarray, (2 V, B, H / 2, W / 2)
+        """
         out = np.empty_like(luma)
         for (i, j), plane, offset in zip(CELL, _quarters(out), self._offsets(chroma)):
             np.add(luma[..., i::2, j::2], offset, out=plane)
@@ -148,6 +200,11 @@ class Mosaic:
         """The colour video (V, B, H, W, 3), in the order of the sensor, of a video x (V, B, H, W) in planes.
 
         Pixels keep the colour that the sensor sees. The others have their luma and the chroma around.
+
+        Parameters
+        ----------
+        x : ndarray, (V, B, H, W)
+            In planes.
         """
         luma, chroma = self.split(x)
         out = np.empty((*x.shape, 3), x.dtype)

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from pnp_sci._validate import real_array, require_finite, shaped
+from pnp_sci._validate import real_array, require_finite, shaped, shown
 from pnp_sci.errors import InputError, InputTypeError
 
 if TYPE_CHECKING:
@@ -42,7 +42,8 @@ def as_masks(masks: Any, dtype: np.dtype | None = None) -> np.ndarray:
     if array.ndim == 3:
         array = array[None]
     if array.ndim != 4 or array.size == 0:
-        raise InputError(f"masks has shape {np.shape(masks)}: (views, frames, rows, columns) was expected, none empty")
+        empty = ", none of them 0" if array.size == 0 else ""
+        raise InputError(f"masks has shape {np.shape(masks)}: (views, frames, rows, columns) was expected{empty}")
     if array.dtype == bool:
         return np.ascontiguousarray(array).view(np.uint8)
     if array.dtype == np.uint8:
@@ -62,6 +63,14 @@ def are_signed(masks: np.ndarray) -> bool:
         return False
     below = -np.sum(masks, where=masks < 0, dtype=np.float64)
     return bool(below > BY_NOISE * (2 * below + np.sum(masks, dtype=np.float64)))
+
+
+def _same_type(dtype: Any, known: type) -> bool:
+    """Whether `dtype` stands for a known one; what is no dtype does not."""
+    try:
+        return np.dtype(dtype) == known
+    except TypeError:
+        return False
 
 
 class SensingOperator:
@@ -99,8 +108,8 @@ class SensingOperator:
     """
 
     def __init__(self, masks: Any, dtype: Any = None):
-        if dtype is not None and np.dtype(dtype) not in (np.float32, np.float64):
-            raise InputTypeError(f"dtype is {np.dtype(dtype)}: float32 or float64 was expected")
+        if dtype is not None and not any(_same_type(dtype, known) for known in (np.float32, np.float64)):
+            raise InputTypeError(f"dtype is {shown(dtype)}: float32 or float64 was expected")
         if isinstance(masks, SensingOperator):
             dtype = dtype or masks.dtype
         self.masks = as_masks(masks, None if dtype is None else np.dtype(dtype))
@@ -207,7 +216,18 @@ class SensingOperator:
         """The multiplier q' of GAP and its move m, both (H, W), 0 in pixels that every mask leaves closed.
 
         ``q' = (q + pace r) gram / (gram + pace rho);  m = (q' - q) / pace``  for the multiplier q = `dual` and the
-        residual r, all (H, W). Where `saturated` is true, q' is 0 or more.
+        residual r.
+
+        Parameters
+        ----------
+        dual, residual : ndarray, (H, W)
+            In the units of y.
+        pace : float
+            Length of the step, > 0, without unit: 1 is the step of GAP.
+        rho : float or ndarray, (H, W)
+            >= 0, in units of gram.
+        saturated : ndarray of bool, (H, W), optional
+            Pixels in which q' is 0 or more.
         """
         after, move = (np.empty(dual.shape, self.dtype) for _ in range(2))
         bounds = np.empty(0, bool) if saturated is None else saturated.reshape(-1)
@@ -270,12 +290,19 @@ def adjoint_mismatch(op: Any, seed: int = 0) -> float:
     float
         About the precision of the operator's dtype if `adjoint` is right.
 
+    Raises
+    ------
+    InputTypeError
+        If `op` is no such object.
+
     Examples
     --------
     >>> import numpy as np
     >>> adjoint_mismatch(SensingOperator(np.ones((1, 2, 3, 4)))) < 1e-12
     True
     """
+    if lacking := [name for name in ("shape", "forward", "adjoint") if not hasattr(op, name)]:
+        raise InputTypeError(f"op is {shown(op)}: an operator was expected, which has {', '.join(lacking)}")
     rng = np.random.default_rng(seed)
     x, y = rng.standard_normal(op.shape), rng.standard_normal(getattr(op, "pictures", op.shape[2:]))
     measured, back = np.asarray(op.forward(x), np.float64), np.asarray(op.adjoint(y), np.float64)

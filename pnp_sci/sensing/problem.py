@@ -110,7 +110,7 @@ def check_measurement(y: Any, bad: np.ndarray | None = None) -> np.ndarray:
     array = _pictures(np.ma.filled(y, 0) if isinstance(y, np.ma.MaskedArray) else y)
     if bad is not None:
         array = np.where(bad.reshape(array.shape), array.dtype.type(0), array)
-    hint = "; leave such pixels out by bad=, a picture (rows, columns) that is True there"
+    hint = '; bad="auto" leaves such pixels out, as does bad=, a picture (rows, columns) that is True there'
     require_finite("y", array, hint)
     if array.dtype == np.longdouble:
         with np.errstate(over="ignore"):
@@ -129,7 +129,7 @@ def _pictures(y: Any) -> np.ndarray:
 def check_bad(bad: Any, y: Any) -> np.ndarray | None:
     """The pixels of each measurement that are not used, bool (N, H, W): `bad` (H, W) or like y, masked values of y.
 
-    None if there are none. "auto" stands for masked values only: the others are still to be found.
+    None if there are none. "auto" stands for values that are masked or not finite: the others are still to be found.
 
     Raises
     ------
@@ -138,11 +138,14 @@ def check_bad(bad: Any, y: Any) -> np.ndarray | None:
     """
     if isinstance(bad, str):
         one_of("bad", bad, ("auto",), " or a picture that is True in the bad pixels")
-    if (bad is None or isinstance(bad, str)) and not np.ma.is_masked(y):
+    if bad is None and not np.ma.is_masked(y):
         return None
-    shape = _pictures(np.ma.getdata(y)).shape
-    shape = shape if len(shape) == 3 else (1, *shape)
+    pictures = _pictures(np.ma.getdata(y))
+    shape = pictures.shape if pictures.ndim == 3 else (1, *pictures.shape)
     unused = np.ma.getmaskarray(y).reshape(shape) if np.ma.is_masked(y) else None
+    if isinstance(bad, str):
+        infinite = ~np.isfinite(pictures).reshape(shape)
+        unused = infinite if unused is None else unused | infinite
     if bad is not None and not isinstance(bad, str):
         picture = real_array("bad", bad)
         if picture.dtype.kind == "f":
@@ -190,16 +193,26 @@ def check_operator(masks: Any, y: np.ndarray) -> tuple[SensingOperator, float]:
     """
     dtype = np.dtype(np.float64 if y.dtype == np.float64 else np.float32)
     masks = as_masks(masks)
-    if masks.shape[2:] != y.shape[1:]:
-        views, frames, rows, columns = masks.shape
-        raise InputError(
-            f"masks has {views} x {frames} frames of {rows} x {columns}, but y is {y.shape[1]} x {y.shape[2]}: "
-            "the last two dimensions must agree"
-        )
+    check_pixels(masks, y)
     largest = 1.0 if masks.dtype == np.uint8 else float(max(-masks.min(), masks.max())) or 1.0
     if largest != 1.0:
         masks = masks / masks.dtype.type(largest)
     return SensingOperator(masks, dtype), largest
+
+
+def check_pixels(masks: np.ndarray, y: np.ndarray) -> None:
+    """Raise an InputError if masks (V, B, H, W) and measurements y (N, H, W) differ in rows and columns."""
+    views, frames, rows, columns = masks.shape
+    if (rows, columns) == y.shape[1:]:
+        return
+    if (rows, columns) == y.shape[:2]:
+        expected = "(rows, columns) or (measurements, rows, columns), rows and columns last, was expected"
+        raw = "; of a sensor with colour filters the raw picture, and mosaic=" if y.shape[2] == 3 else ""
+        raise InputError(f"y has shape {y.shape}: {expected}{raw}")
+    raise InputError(
+        f"masks has {views} x {frames} frames of {rows} x {columns}, but y is {y.shape[1]} x {y.shape[2]}: "
+        "the last two dimensions must agree"
+    )
 
 
 def pose(op: SensingOperator, largest: float, y: np.ndarray, sensor: Sensor, bad: np.ndarray | None = None) -> Problem:

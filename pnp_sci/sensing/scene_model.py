@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import asdict, dataclass
+from numbers import Integral
 from typing import Any
 
 import numpy as np
 
+from pnp_sci._validate import shown
 from pnp_sci.errors import InputError, InputTypeError
 from pnp_sci.sensing.operator import SensingOperator
 from pnp_sci.sensing.sequence import SequenceOperator
@@ -29,7 +31,7 @@ class SceneModel:
     Raises
     ------
     InputError, InputTypeError
-        If `views` or `still` are not bool, or differ in length.
+        If `views` or `still` are neither bool nor 0 and 1, or differ in length.
 
     Examples
     --------
@@ -125,10 +127,11 @@ class SceneModel:
 
 
 def _bools(name: str, values: Any, expected: str) -> tuple[bool, ...]:
-    try:
-        return tuple(bool(value) for value in values)
-    except (TypeError, ValueError) as error:
-        raise InputTypeError(f"{name} is {values!r}: {expected} was expected") from error
+    given = tuple(values) if isinstance(values, Iterable) else (values,)
+    known = all(isinstance(value, (Integral, np.bool_)) and value in (0, 1) for value in given)
+    if not isinstance(values, Iterable) or not known:
+        raise InputTypeError(f"{name} is {shown(values)}: {expected} was expected")
+    return tuple(map(bool, given))
 
 
 def full(op: SensingOperator, reason: str = "as asked for") -> SceneModel:

@@ -2,12 +2,13 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from functools import cached_property
 from typing import Any
 
 import numpy as np
 
+from pnp_sci._validate import shown
 from pnp_sci.errors import InputError, InputTypeError
 from pnp_sci.sensing.operator import SensingOperator
 
@@ -46,6 +47,8 @@ class SequenceOperator(SensingOperator):
     """
 
     def __init__(self, parts: Sequence[SensingOperator]):
+        if not isinstance(parts, Iterable):
+            raise InputTypeError(f"parts is {shown(parts)}: a sequence of operators was expected")
         parts = tuple(parts)
         for part in parts:
             if not isinstance(part, SensingOperator):

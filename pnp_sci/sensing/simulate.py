@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import logging
 from pathlib import Path
 from typing import Any
 
@@ -14,6 +15,8 @@ from pnp_sci.sensing.mosaic import Mosaic, check_cells
 from pnp_sci.sensing.operator import SensingOperator
 from pnp_sci.sensing.problem import check_bad
 from pnp_sci.sensing.sensor import Sensor, check_bits
+
+_log = logging.getLogger("pnp_sci")
 
 
 def simulate(
@@ -72,6 +75,9 @@ def simulate(
             raise InputError(f"bits is {bits}, peak is {peak}: neither was expected beside a Sensor, which has its own")
     else:
         noise = finite_number("noise", noise, "a Sensor or a finite number >= 0")
+        if noise > 1:
+            told = "noise is %g times the largest value of y: Sensor(read_noise=%g) is noise in the units of y"
+            _log.warning(told, noise, noise)
     bits, peak = check_bits(bits), None if peak is None else positive_number("peak", peak)
     seed = whole("seed", seed, 0)
     op = SensingOperator(masks)

@@ -10,11 +10,21 @@ from typing import Any
 import numpy as np
 import torch
 
+from pnp_sci._validate import shown
 from pnp_sci.errors import InputError, InputTypeError
 from pnp_sci.sensing.operator import SensingOperator, as_masks
 from pnp_sci.sensing.sequence import SequenceOperator, split
 
 _FLOATING = (torch.float32, torch.float64)
+
+
+def _place(device: torch.device | str | None) -> torch.device | None:
+    """The device of this name."""
+    try:
+        return None if device is None else torch.zeros(1, device=device).device
+    except (RuntimeError, AssertionError, TypeError) as error:
+        why = (str(error).splitlines() or [type(error).__name__])[0]
+        raise InputError(f"device is {shown(device)}, which cannot be used here: {why}") from error
 
 
 class TorchSensingOperator(torch.nn.Module):
@@ -43,7 +53,7 @@ class TorchSensingOperator(torch.nn.Module):
     Raises
     ------
     InputError, InputTypeError
-        If masks are not finite real numbers (V, B, H, W), or dtype is another one.
+        If masks are not finite real numbers (V, B, H, W), dtype is another one, or the device cannot be used.
 
     Examples
     --------
@@ -69,6 +79,7 @@ class TorchSensingOperator(torch.nn.Module):
         elif isinstance(masks, torch.Tensor):
             device = device or masks.device
             masks = masks.detach().cpu().numpy()
+        device = _place(device)
         array = as_masks(masks, np.dtype(np.float64) if dtype == torch.float64 else None)
         dtype = dtype or (torch.float64 if array.dtype == np.float64 else torch.float32)
         # a copy, as the array may be the caller's

@@ -9,7 +9,7 @@ from typing import Any
 
 import numpy as np
 
-from pnp_sci._validate import finite_number, instance, one_of, shaped
+from pnp_sci._validate import finite_number, needed, one_of, shaped
 from pnp_sci.accel.arrays import like
 from pnp_sci.plugins.combine import InTurn, turns
 from pnp_sci.plugins.resolve import as_prior
@@ -73,7 +73,7 @@ def iterate(
     >>> [float(abs(s.residual).max()) for s in itertools.islice(states, 2)]
     [1.0, 0.0]
     """
-    instance("op", op, SensingOperator)
+    needed("op", op, SensingOperator)
     one_of("algorithm", algorithm, ALGORITHMS)
     y, x = shaped("y", y, op.pictures, op.dtype), shaped("x", x, op.shape, op.dtype)
     noise = shaped("noise", noise, op.pictures, op.dtype) if np.ndim(noise) else finite_number("noise", noise)

@@ -273,7 +273,7 @@ def test_it_is_kept(tmp_path, suffix):
 def test_what_a_file_lacks_is_named(tmp_path):
     made = calibrate(*pictures())
     io.write(tmp_path / "c.npz", {"masks": made.masks, "dark": made.dark, "bad": made.bad, "crop": np.array(made.crop)})
-    with pytest.raises(FormatError, match=r"c\.npz holds no calibration: 'size' is missing"):
+    with pytest.raises(FormatError, match=r"c\.npz is no calibration: it lacks size"):
         Calibration.load(tmp_path / "c.npz")
 
 
@@ -331,3 +331,11 @@ def test_white_that_is_saturated():
     assert calibrate(dark, whites, raw, full_scale=65535).bad[3, 4:9].all()
     with pytest.raises(InputError, match="bad in all pixels"):
         calibrate(dark, np.full_like(white, 65535), raw, full_scale=65535)
+
+
+def test_another_file_is_no_calibration(tmp_path):
+    io.write(tmp_path / "capture.npz", {"y": np.ones((8, 8)), "masks": np.ones((1, 2, 8, 8))})
+    with pytest.raises(FormatError, match="is no calibration: it lacks dark, bad, crop, size"):
+        pnp_sci.Calibration.load(tmp_path / "capture.npz")
+    with pytest.raises(FormatError, match="cannot be read as a result, as it holds none"):
+        pnp_sci.Result.load(tmp_path / "capture.npz")

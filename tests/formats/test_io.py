@@ -372,7 +372,7 @@ def test_names_that_are_no_text(tmp_path):
     with h5py.File(tmp_path / "a.h5", "w") as file:
         file.create_dataset(b"\xff", data=sample((4, 5)))
         file.create_dataset(b"\xfe", data=sample((4, 5)))
-    with pytest.raises(FormatError, match="name one by key"):
+    with pytest.raises(FormatError, match=r"name the .* by key="):
         io.read(tmp_path / "a.h5")
     assert len(io.describe(tmp_path / "a.h5")) == 2
 

@@ -88,7 +88,9 @@ def extras():
 def test_the_error_names_the_package_and_the_extra(package, code, extra, tmp_path, monkeypatch):
     monkeypatch.delenv("PNP_SCI_DATA", raising=False)
     printed = without([package], RESULT + BENCH + ERROR.format(code=code), tmp_path)
-    assert re.fullmatch(rf'.+ needs {package}: python -m pip install "pnp-sci\[{extra}\]"\n', printed)
+    assert re.fullmatch(
+        rf'.+ needs {package}: python -m pip install "\.\[{extra}\]" in the folder of the sources\n', printed
+    )
     assert extra in extras()
 
 
@@ -115,7 +117,7 @@ def test_a_mat_file_of_version_7_3_asks_for_h5py(tmp_path):
         file["mask"] = [[1.0]]
     printed = without(["h5py"], SCENE + ERROR.format(code="io.read('new.mat')"), tmp_path)
     assert "MAT-files v7.3" in printed
-    assert "pnp-sci[hdf5]" in printed
+    assert '".[hdf5]"' in printed
 
 
 def test_local_data_need_no_download(tmp_path, data):
@@ -126,7 +128,7 @@ def test_local_data_need_no_download(tmp_path, data):
 def test_the_demo_says_what_it_leaves_out(tmp_path):
     code = "from pnp_sci.cli.main import main; main(['demo', '--size', '32', '--prior', 'tv'])"
     printed = without(["imageio_ffmpeg"], code, tmp_path)
-    assert re.search(r'No demo\.mp4: .+ "pnp-sci\[video\]"', printed)
+    assert re.search(r'No demo\.mp4: .+ "\.\[video\]"', printed)
     assert [file.name for file in tmp_path.iterdir()] == ["demo.png"]
 
 

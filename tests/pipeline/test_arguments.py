@@ -1,8 +1,11 @@
 """Arguments that cannot be used: the error names them, what came and what was expected."""
 
+from pathlib import Path
+
 import numpy as np
 import pytest
 
+import pnp_sci
 from pnp_sci import datasets, solve
 from pnp_sci.errors import InputError, InputTypeError, UnknownPluginError
 
@@ -17,6 +20,11 @@ def scene():
     [
         ({"y": np.ones((63, 64))}, "masks has 2 x 10 frames of 64 x 64, but y is 63 x 64"),
         ({"y": np.ones(5)}, "y has shape"),
+        ({"y": np.ones((64, 64, 1))}, r"y has shape \(64, 64, 1\).*rows and columns last"),
+        ({"y": np.ones((64, 64, 3))}, r"y has shape \(64, 64, 3\).*rows and columns last.*mosaic="),
+        ({"y": "meas.mat"}, "y is 'meas.mat': an array .*read_measurement"),
+        ({"masks": Path("masks.mat")}, "masks is PosixPath|masks is WindowsPath.*read_masks"),
+        ({"y": None}, "y is None: an array"),
         ({"y": np.array([["a"]])}, "y has dtype"),
         ({"masks": np.ones((2, 2))}, "masks has shape"),
         ({"prior": "no such"}, "prior is 'no such'.*auto, none.*tv.*wavelet"),
@@ -32,13 +40,15 @@ def scene():
         ({"reference": np.ones(3)}, "reference has shape"),
         ({"reference": np.ones((10, 2, 64, 64))}, r"reference has shape \(10, 2, 64, 64\)"),
         ({"reference": np.ones((2, 10, 64, 64), int)}, "reference has dtype int64: floats in .*uint8 or uint16"),
-        ({"prior": "auto+tv"}, "'auto' stands alone"),
-        ({"prior": [("tv", 1), ("auto", 1)]}, "'auto' stands alone"),
+        ({"prior": "auto+tv"}, "prior is 'auto'.*not in a combination.*tv, video"),
+        ({"prior": [("tv", 1), ("auto", 1)]}, "prior is 'auto'.*not in a combination.*tv, video"),
         ({"y": [[1], [1, 2]]}, "y is no array of numbers"),
         ({"masks": [[1], [1, 2]]}, "masks is no array of numbers"),
-        ({"reference": "text"}, "reference has dtype"),
+        ({"reference": "text"}, "reference is 'text': an array.*read_video"),
+        ({"prior": lambda x: x}, r"prior is <function.*which takes \(x\)"),
+        ({"sigma": np.ones(3000)}, r"sigma is an array \(3000,\) of float64: a finite"),
         ({"prior": dict}, "prior is <class 'dict'>"),
-        ({"prior": lambda x, sigma: None}, "what the prior returns has dtype object"),
+        ({"prior": lambda x, sigma: None}, "what the prior returns is None: an array"),
         ({"prior": lambda x, sigma: x[0]}, "what the prior returns has shape"),
         ({"strength": "much"}, "strength is 'much': a finite number > 0"),
         ({"isotropic": "no"}, "isotropic is 'no': True or False"),
@@ -62,7 +72,8 @@ def test_errors_name_the_argument(scene, change, message):
 @pytest.mark.parametrize(("sigma", "told"), [(25, True), (1.0, False), (0.05, False), (None, False)])
 def test_a_sigma_in_grey_levels_is_noticed(scene, caplog, sigma, told):
     """sigma is in units where x spans [0, 1], whatever the units of y are."""
-    solve(scene.y * 255, scene.masks, sigma=sigma, iterations=1)
+    remarks = solve(scene.y * 255, scene.masks, sigma=sigma, iterations=1).remarks
+    assert any("sigma is 25" in remark for remark in remarks) == told
     assert any("sigma is 25" in message and "0.098" in message for message in caplog.messages) == told
 
 
@@ -75,3 +86,38 @@ def test_non_finite_input_is_counted(scene):
     masks[1, 2, 3, 4] = np.inf
     with pytest.raises(InputError, match=r"masks has 1 values .* \(1, 2, 3, 4\)"):
         solve(scene.y, masks)
+
+
+@pytest.mark.parametrize("swapped", [True, False])
+def test_frames_given_as_views_are_noticed(scene, caplog, swapped):
+    """Ten views of two frames are solved, but it is said that they may be two views of ten."""
+    masks = scene.masks.swapaxes(0, 1) if swapped else scene.masks
+    remarks = solve(scene.y, masks, iterations=1).remarks
+    for texts in (remarks, caplog.messages):
+        assert any("10 views of 2 frames" in text and "swapaxes" in text for text in texts) == swapped
+
+
+def test_settings_can_be_given_again(scene):
+    """What a result says of `sequence` is what solves so again."""
+    alone = solve(scene.y, scene.masks, iterations=2)
+    again = solve(scene.y, scene.masks, iterations=2, sequence=alone.settings["sequence"])
+    assert (again.x == alone.x).all()
+
+
+@pytest.mark.parametrize(
+    "call",
+    [
+        lambda a: next(pnp_sci.iterate(a, a[0, 0], "tv", a)),
+        lambda a: pnp_sci.denoise(a, a, "tv"),
+        lambda a: pnp_sci.random_masks(a),
+        lambda a: pnp_sci.recommend(1.0, like=a),
+        lambda a: pnp_sci.adjoint_mismatch(a),
+        lambda a: pnp_sci.citations(a),
+        lambda a: pnp_sci.SensingOperator(a, dtype=a),
+        lambda a: pnp_sci.as_prior([a, a, a]),
+    ],
+)
+def test_a_message_does_not_print_arrays(call):
+    with pytest.raises((InputError, InputTypeError)) as raised:
+        call(np.ones((2, 10, 64, 64), np.float32))
+    assert len(str(raised.value)) < 300

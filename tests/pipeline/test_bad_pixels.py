@@ -67,7 +67,7 @@ def test_a_masked_array_elsewhere_is_refused(scene, y):
 
 
 def test_not_a_number_names_bad(scene, y):
-    with pytest.raises(InputError, match=r"y has 1 values that are NaN .*leave such pixels out by bad="):
+    with pytest.raises(InputError, match=r"y has 1 values that are NaN .*leaves such pixels out, as does bad="):
         solve(np.where(y == y.max(), np.nan, y), scene.masks)
 
 
@@ -189,3 +189,13 @@ def test_a_measurement_without_them_is_solved_as_alone(scene, y, bad):
         alone = solve(y, scene.masks, bad=own, iterations=5)
         assert np.array_equal(both.x[n], alone.x)
         assert both.scenes[n] == alone.scene
+
+
+@pytest.mark.parametrize("value", [np.nan, np.inf])
+def test_values_that_are_not_finite_are_found(scene, y, bad, value):
+    """As if they had been named; without "auto" they are refused, and the message says so."""
+    broken = np.where(bad, np.float32(value), y)
+    found = solve(broken, scene.masks, bad="auto", iterations=5)
+    assert np.array_equal(found.x, solve(np.ma.MaskedArray(y, bad), scene.masks, bad="auto", iterations=5).x)
+    with pytest.raises(InputError, match='bad="auto" leaves such pixels out'):
+        solve(broken, scene.masks)

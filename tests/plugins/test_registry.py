@@ -57,7 +57,7 @@ def test_a_registered_prior_goes_before_an_installed_one():
 
 
 @pytest.mark.parametrize(
-    ("missing", "command"), [("safetensors.torch", r'pip install "pnp-sci\[learned\]"'), ("cupy", "pip install cupy")]
+    ("missing", "command"), [("safetensors.torch", r'pip install "\.\[learned\]"'), ("cupy", "pip install cupy")]
 )
 def test_a_plugin_that_lacks_a_module_says_how_to_get_it(monkeypatch, missing, command):
     def load(self):
@@ -71,3 +71,11 @@ def test_a_plugin_that_lacks_a_module_says_how_to_get_it(monkeypatch, missing, c
 def test_unknown_names_are_listed_with_those_there_are():
     with pytest.raises(UnknownPluginError, match=r"prior is 'no such'.*auto, none.*tv.*wavelet"):
         registry.load("priors", "no such")
+
+
+@pytest.mark.parametrize(("kind", "argument"), [("prior", "prior"), ("decoder", "init")])
+def test_a_plugin_itself_in_place_of_its_factory_is_explained(monkeypatch, kind, argument):
+    monkeypatch.setitem(registry._registered, f"{kind}s", {})
+    getattr(pnp_sci, f"register_{kind}")("mine", lambda first, second: first)
+    with pytest.raises(InputTypeError, match=f"{kind} 'mine' needs first and second.*as lambda: my_{kind} does"):
+        pnp_sci.solve(np.ones((8, 8)), np.ones((1, 2, 8, 8)), **{argument: "mine"})

@@ -123,5 +123,5 @@ def test_torch_is_loaded_when_a_session_begins():
 
 def test_says_what_to_install_without_torch(weights, monkeypatch):
     monkeypatch.setitem(sys.modules, "priors.networks.runner", None)
-    with pytest.raises(ImportError, match=r"pnp-sci\[learned\]"):
+    with pytest.raises(ImportError, match=r"\.\[learned\]"):
         ImageNet(weights / "ffdnet")

@@ -94,3 +94,11 @@ def test_white_of_uint16_must_be_said(score, pair):
     with pytest.raises(InputError, match=r"uint16.*peak="):
         score(*counts)
     assert score(*counts, peak=4095) == pytest.approx(score(*(video / 4095 for video in counts)))
+
+
+def test_another_unit_is_said(caplog):
+    video = np.full((1, 2, 16, 16), 0.5)
+    psnr(1.5 * video, video)
+    assert not caplog.messages
+    psnr(255 * video, video)
+    assert "more than half of x is above 2 where white is 1" in caplog.messages[0]

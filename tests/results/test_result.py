@@ -6,7 +6,7 @@ import pytest
 from made_result import make
 
 from pnp_sci import io
-from pnp_sci.errors import FormatError, InputError
+from pnp_sci.errors import FormatError, InputError, InputTypeError
 from pnp_sci.plot import plot_history, plot_video
 from pnp_sci.results.history import History, Record, Status
 from pnp_sci.results.result import Result
@@ -90,8 +90,12 @@ def test_plots_show_every_view_and_the_reference(tmp_path):
 
 
 def test_plots_refuse_what_they_cannot_show():
-    with pytest.raises(InputError, match=r"frames is \[3\]: whole numbers from 0 to 2"):
+    with pytest.raises(InputError, match=r"frames is \[3\]: a list of whole numbers from 0 to 2"):
         make().plot(frames=[3])
+    with pytest.raises(InputError, match="frames is 'all': a list of whole"):
+        make().plot(frames="all")
+    with pytest.raises(InputTypeError, match=r"result is an array.*Result"):
+        plot_history(np.ones((4, 4)))
     with pytest.raises(InputError, match="reference has shape"):
         plot_video(np.ones((2, 3, 4, 4)), reference=np.ones((2, 3, 4, 5)))
     with pytest.raises(InputError, match="x has shape"):

@@ -24,6 +24,9 @@ def test_one_answer_or_one_for_each_view():
 
 def test_views_are_no_indices(scene):
     assert SceneModel((1, 0)).views == (True, False)  # type: ignore[arg-type]
+    for values in ((2, 0), ("yes", "no")):
+        with pytest.raises(InputTypeError, match=r"views is .*a tuple of bool"):
+            SceneModel(values)
     with pytest.raises(InputTypeError, match="views is 3"):
         SceneModel(3)  # type: ignore[arg-type]
 

@@ -5,8 +5,8 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from pnp_sci import SensingOperator, simulate
-from pnp_sci.errors import InputError
+from pnp_sci import Mosaicked, SensingOperator, simulate
+from pnp_sci.errors import InputError, InputTypeError
 from pnp_sci.sensing.mosaic import CELL, PATTERNS, Mosaic, planes, quarters
 
 patterns = st.sampled_from(PATTERNS).map(Mosaic)
@@ -109,3 +109,12 @@ def test_errors_name_the_argument():
         simulate(noise(1, 2, 7, 8, 3), np.ones((1, 2, 7, 8)), mosaic="RGGB")
     with pytest.raises(InputError, match=r"\(1, 2, 8, 8, 3\) in colour was expected"):
         simulate(noise(1, 2, 8, 8), np.ones((1, 2, 8, 8)), mosaic="RGGB")
+
+
+def test_other_pictures_and_objects_are_refused():
+    with pytest.raises(InputError, match=r"video has shape \(4, 4\).*rows, columns, 3"):
+        Mosaic("RGGB").sample(np.ones((4, 4)))
+    with pytest.raises(InputError, match=r"picture has shape \(2,\)"):
+        planes([1, 2])
+    with pytest.raises(InputTypeError, match="prior is 'tv': Prior was expected"):
+        Mosaicked("tv", "RGGB")
