@@ -13,7 +13,7 @@ from pnp_sci.cli.options import bad_pixels, camera, camera_options, interactive,
 from pnp_sci.cli.words import as_options
 
 if TYPE_CHECKING:
-    from pnp_sci.bench import Trial
+    from pnp_sci.bench import Comparison, Trial
 
 
 @click.command(cls=Command)
@@ -69,7 +69,6 @@ def compare(
     all the same.
     """
     from pnp_sci import bench, io
-    from pnp_sci.formats.replacing import replacing
 
     y = io.read_measurement(measurement, key)
     masks, unused = masks_for(measurement, masks_file or calibration, views, masks_key), bad_pixels(bad)
@@ -99,15 +98,22 @@ def compare(
     )
     for line in (*(f"Warning: {text}" for text in result.fit.warnings), *map(_line, result.trials)):
         click.echo(as_options(line))
+    _write(result, json_file, html_file, title or f"{measurement.name}: methods compared")
+    if failures := [f"{t.method.name}: {t.error}" for t in result.trials if t.error is not None]:
+        raise click.ClickException("\n".join(failures))
+
+
+def _write(result: Comparison, json_file: Path | None, html_file: Path | None, title: str) -> None:
+    """Write the table and the report, where they are asked for."""
+    from pnp_sci.formats.replacing import replacing
+
     if json_file is not None:
         with replacing(json_file) as temporary:
             temporary.write_text(result.as_json() + "\n", encoding="utf-8")
     if html_file is not None:
-        result.save_html(html_file, title or f"{measurement.name}: methods compared")
+        result.save_html(html_file, title)
     if written := [str(file) for file in (html_file, json_file) if file is not None]:
         click.echo(f"Written: {', '.join(written)}")
-    if failures := [f"{t.method.name}: {t.error}" for t in result.trials if t.error is not None]:
-        raise click.ClickException("\n".join(failures))
 
 
 def _line(trial: Trial) -> str:
