@@ -104,7 +104,11 @@ class Job:
 
 
 def settings_of(
-    source: Source, masks: np.ndarray, sequence: int | None, options: dict[str, Any], calibration: Calibration | None
+    source: Source,
+    masks: np.ndarray,
+    sequence: int | None,
+    options: dict[str, Any],
+    calibration: Calibration | None = None,
 ) -> dict[str, Any]:
     """All that determines the result but the values of the measurements; the number of threads does not."""
     raw = {} if calibration is None else {"calibration": plain("calibration", replace(calibration, quality=None))}
