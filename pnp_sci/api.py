@@ -74,7 +74,7 @@ def solve(
     scene : "auto", "full" or SceneModel
         "auto" drops dark views, and models a still scene by one frame per view.
     bad : "auto", or array_like of bool, (H, W) or (N, H, W), optional
-        Pixels of y that are not used. "auto" finds hot, dead and stuck ones.
+        Pixels of y that are not used. "auto" finds hot, dead and stuck ones, and values that are not finite.
     iterations, sigma, tol : optional
         Largest number of iterations; what the prior is told, where x spans [0, 1]. By default rules decide. Stop when
         Phi x changes by less than `tol` times ``||y||`` in five iterations in a row.

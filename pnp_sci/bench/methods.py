@@ -61,7 +61,8 @@ class Source:
         """Words of the command line before the options of the method."""
         options = {"views": self.views, "key": self.key, "masks_key": self.masks_key, "index": self.index}
         options |= {"bad": self.bad, "calibration": self.calibration}
-        return ["pnp-sci", "solve", str(self.measurement), "--masks", str(self.masks), *_options(options)]
+        options |= {"masks": self.masks if self.masks != self.calibration else None}
+        return ["pnp-sci", "solve", str(self.measurement), *_options(options)]
 
 
 @dataclass(frozen=True)

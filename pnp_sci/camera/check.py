@@ -27,8 +27,9 @@ def check_fit(y: Any, masks: Any, *, noise: Any = "auto", bad: Any = None, frame
     masks : array_like, (V, B, H, W), (B, H, W) or (N, V, B, H, W), or SensingOperator
     noise : "auto", float or Sensor
         A :class:`~pnp_sci.Sensor` says where the camera is saturated.
-    bad : array_like of bool, (H, W), optional
-        Pixels that are not used. Masked values of a NumPy masked array y are bad, too.
+    bad : "auto" or array_like of bool, (H, W), optional
+        Pixels that are not used; "auto" leaves out values that are not finite. Masked values of a NumPy masked array y
+        are bad, too.
     frame_order : bool
         Whether to look also if the frames of the masks are in the order of time. It takes seconds, and needs several
         successive measurements: a single one is explained by reversed masks as well, by a film that runs backwards.

@@ -10,7 +10,6 @@ import click
 from pnp_sci.cli.inputs import calibrated, masks_for, of_one, one_of, true_video
 from pnp_sci.cli.kinds import FILE, PAGE, SEED, Command, Output
 from pnp_sci.cli.options import bad_pixels, camera, camera_options, interactive, words
-from pnp_sci.cli.words import as_options
 
 if TYPE_CHECKING:
     from pnp_sci.bench import Comparison, Trial
@@ -97,7 +96,7 @@ def compare(
         bad=unused,
     )
     for line in (*(f"Warning: {text}" for text in result.fit.warnings), *map(_line, result.trials)):
-        click.echo(as_options(line))
+        click.echo(line)
     _write(result, json_file, html_file, title or f"{measurement.name}: methods compared")
     if failures := [f"{t.method.name}: {t.error}" for t in result.trials if t.error is not None]:
         raise click.ClickException("\n".join(failures))

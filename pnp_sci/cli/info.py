@@ -10,7 +10,6 @@ from typing import TYPE_CHECKING
 import click
 
 from pnp_sci.cli.kinds import FILE, POSITIVE
-from pnp_sci.cli.words import as_options
 from pnp_sci.errors import FormatError, UnknownPluginError
 
 if TYPE_CHECKING:
@@ -78,7 +77,7 @@ def _print_fit(y: np.ndarray, masks: np.ndarray) -> None:
         return
     fits = check_fit(y, masks)
     for n, fit in enumerate(fits if isinstance(fits, list) else [fits], 1):
-        click.echo(as_options(f"\n{f'Measurement {n}: ' if y.ndim == 3 else ''}{fit}"))
+        click.echo(f"\n{f'Measurement {n}: ' if y.ndim == 3 else ''}{fit}")
 
 
 @click.command()

@@ -13,7 +13,6 @@ from typing import Any, NoReturn
 
 import click
 
-from pnp_sci.cli.words import as_options, logged_as_options
 from pnp_sci.errors import UnknownPluginError
 
 COMMANDS = {
@@ -51,7 +50,7 @@ class _Commands(click.Group):
     """Failures are one line on stderr and exit code 1 (2: the command line is at fault); --debug shows them whole."""
 
     def invoke(self, ctx: click.Context) -> Any:
-        with _sigterm_as_exception(), logged_as_options():
+        with _sigterm_as_exception():
             return super().invoke(ctx) if ctx.params["debug"] else self._invoke_in_a_line(ctx)
 
     def _invoke_in_a_line(self, ctx: click.Context) -> Any:
@@ -64,7 +63,7 @@ class _Commands(click.Group):
         except Exception as error:
             if isinstance(error, BrokenPipeError) and error.filename is None:
                 raise  # nobody reads stdout any more, as after `| head -1`: click ends without a word
-            text = as_options(" ".join(str(error).split()))
+            text = " ".join(str(error).split())
             known = isinstance(error, (ValueError, TypeError, OSError, RuntimeError, ImportError)) and text
             raise click.ClickException(text if known else f"{type(error).__name__}: {text}") from error
 

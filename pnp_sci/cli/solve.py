@@ -11,7 +11,6 @@ from pnp_sci.cli.inputs import calibrated, masks_for, one_of, usable_truth
 from pnp_sci.cli.kinds import FILE, POSITIVE, SEED, Command, Output
 from pnp_sci.cli.options import bad_pixels, camera, camera_options, interactive, pairs, solver_options, stages
 from pnp_sci.cli.outputs import SAVED, SHOWN, White, check_white, named, print_scores, save_somewhere
-from pnp_sci.cli.words import as_options
 
 
 @click.command(cls=Command)
@@ -102,7 +101,7 @@ def solve(
     if video is not None:
         result.export(video, fps, white)
         written.append(named(video, fps))
-    click.echo(as_options(repr(result)))
+    click.echo(repr(result))
     print_scores(result.x, truth, peak, colour)
     click.echo(f"Written: {', '.join(written)}")
     result.raise_for_status()

@@ -153,9 +153,8 @@ def check_request(
 
 def _together(sequence: Any, shape: tuple[int, ...], count: int) -> int:
     """How many measurements are solved together: as memory allows, or as `sequence` says."""
-    if isinstance(sequence, bool) or sequence == 1:  # which is what the settings of a result say
-        sequence = sequence is True
-        return max(MOST // int(np.prod(shape)), FEWEST) if sequence and count > 1 else 1
+    if isinstance(sequence, bool) or (isinstance(sequence, int) and sequence == 1):  # 1 is of the settings of a result
+        return max(MOST // int(np.prod(shape)), FEWEST) if sequence is True and count > 1 else 1
     return whole("sequence", sequence, FEWEST)
 
 

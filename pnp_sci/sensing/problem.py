@@ -110,7 +110,7 @@ def check_measurement(y: Any, bad: np.ndarray | None = None) -> np.ndarray:
     array = _pictures(np.ma.filled(y, 0) if isinstance(y, np.ma.MaskedArray) else y)
     if bad is not None:
         array = np.where(bad.reshape(array.shape), array.dtype.type(0), array)
-    hint = '; bad="auto" leaves such pixels out, as does bad=, a picture (rows, columns) that is True there'
+    hint = '; in solve, bad="auto" leaves such pixels out, as does bad=, a picture (rows, columns) that is True there'
     require_finite("y", array, hint)
     if array.dtype == np.longdouble:
         with np.errstate(over="ignore"):
@@ -140,7 +140,7 @@ def check_bad(bad: Any, y: Any) -> np.ndarray | None:
         one_of("bad", bad, ("auto",), " or a picture that is True in the bad pixels")
     if bad is None and not np.ma.is_masked(y):
         return None
-    pictures = _pictures(np.ma.getdata(y))
+    pictures = _pictures(y.data if isinstance(y, np.ma.MaskedArray) else y)
     shape = pictures.shape if pictures.ndim == 3 else (1, *pictures.shape)
     unused = np.ma.getmaskarray(y).reshape(shape) if np.ma.is_masked(y) else None
     if isinstance(bad, str):

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Sequence
 from dataclasses import asdict, dataclass
 from numbers import Integral
 from typing import Any
@@ -127,9 +127,10 @@ class SceneModel:
 
 
 def _bools(name: str, values: Any, expected: str) -> tuple[bool, ...]:
-    given = tuple(values) if isinstance(values, Iterable) else (values,)
+    several = np.ndim(values) == 1
+    given = tuple(np.asarray(values)) if several else (values,)
     known = all(isinstance(value, (Integral, np.bool_)) and value in (0, 1) for value in given)
-    if not isinstance(values, Iterable) or not known:
+    if not several or not known:
         raise InputTypeError(f"{name} is {shown(values)}: {expected} was expected")
     return tuple(map(bool, given))
 
