@@ -30,6 +30,8 @@ class Source:
         As for ``pnp-sci solve``.
     calibration : path, optional
         It makes the measurement of a raw picture, and has the masks.
+    full_scale : float, optional
+        The camera's largest value in the raw picture, if it is not that of the calibration.
     each : bool
         Whether the file has masks of each measurement, of which those of `index` are meant.
     """
@@ -43,6 +45,7 @@ class Source:
     bad: str | None = None
     each: bool = False
     calibration: Path | None = None
+    full_scale: float | None = None
 
     def python(self) -> str:
         """Python code that reads both files."""
@@ -53,9 +56,14 @@ class Source:
         made = ""
         if self.calibration is not None:
             made = f"calibration = pnp_sci.Calibration.load({str(self.calibration)!r})\n"
+            if self.full_scale is not None:
+                made += f"calibration = dataclasses.replace(calibration, full_scale={self.full_scale})\n"
             y = f"calibration.correct({y})"
+            if self.bad not in (None, "auto"):
+                bad += "if bad.shape != y.shape:\n    bad = calibration.cropped('bad', bad)\n"
         read = f"{made}y = {y}{chosen}\nmasks = {masks}{chosen * self.each}\n{bad}"
-        return f"import pnp_sci\nfrom pnp_sci import io\n\n{read}"
+        more = "import dataclasses\n\n" * ("dataclasses" in made)
+        return f"{more}import pnp_sci\nfrom pnp_sci import io\n\n{read}"
 
     def command(self) -> list[str]:
         """Words of the command line before the options of the method."""
@@ -129,7 +137,8 @@ class Method:
         noise = common.get("noise")
         if isinstance(noise, Sensor):
             camera = {"noise": noise.read_noise, "gain": noise.gain or None}
-            common = common | camera | {"full_scale": noise.full_scale, "bits": noise.bits}
+            full_scale = noise.full_scale if source.calibration is None else source.full_scale
+            common = common | camera | {"full_scale": full_scale, "bits": noise.bits}
         return shlex.join([*source.command(), *_options(self.arguments() | common)])
 
     def _with(self, common: dict[str, Any]) -> dict[str, Any]:

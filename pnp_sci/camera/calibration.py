@@ -61,10 +61,20 @@ class Calibration:
         """The value at which measurements end, for ``Sensor(full_scale=...)``: full scale less the largest dark value.
 
         None if full scale is not known.
+
+        Raises
+        ------
+        InputError
+            If full scale is not above the largest dark value.
         """
-        if self.full_scale is None:
+        if self.full_scale is None or self.bad.all():
             return None
-        return float(np.float32(self.full_scale) - np.max(self.dark, where=~self.bad, initial=-np.inf))
+        largest = np.max(self.dark, where=~self.bad, initial=-np.inf)
+        if not largest < self.full_scale < np.inf:
+            raise InputError(
+                f"full_scale is {self.full_scale}: more than the largest dark value, {largest}, was expected"
+            )
+        return float(np.float32(self.full_scale) - largest)
 
     def correct(self, raw: Any) -> np.ma.MaskedArray:
         """Make measurements of raw pictures: cropped, the dark frame subtracted, bad pixels masked.
@@ -152,10 +162,13 @@ class Calibration:
             raise FormatError(f"{path} is no calibration: it lacks {', '.join(lacking)}")
         masks = io.read_masks(path, key="masks")
         dark, bad, crop, size = (arrays[name] for name in needed[1:])
-        if not (dark.shape == bad.shape == masks.shape[2:] and crop.size == 4 and size.size == 2):
+        if not dark.shape == bad.shape == masks.shape[2:]:
             raise FormatError(f"{path}: masks {masks.shape}, dark {dark.shape} and bad {bad.shape} do not fit together")
+        full_scales = arrays.get("full_scale", np.zeros(0))
+        if (crop.size, size.size) != (4, 2) or full_scales.size > 1:
+            raise FormatError(f"{path}: 4 numbers as crop, 2 as size and at most 1 as full_scale were expected")
         top, left, rows, columns, height, width = map(int, (*crop.flat, *size.flat))
-        full_scale = float(arrays["full_scale"].item()) if "full_scale" in arrays else None
+        full_scale = float(full_scales.item()) if full_scales.size else None
         return cls(masks, dark, bad.astype(bool), (top, left, rows, columns), (height, width), full_scale)
 
 

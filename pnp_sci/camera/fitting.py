@@ -66,7 +66,7 @@ class Masks:
         self.negative = float(np.mean(self.sums.sum(0) < 0))
         self.steps = [None if self.signed else step_of(view) for view in masks]
         ends = {None if step is None else tuple(((1 - masks.shape[1]) * step).tolist()) for step in self.steps}
-        self.mirrored = ends.pop() if len(ends) == 1 else None
+        self.mirrored = ends.pop() if len(ends) == 1 and masks.shape[1] > 2 else None
         lost = lost_views(masks)
         of_frames = (*lost_frames(np.asarray(masks.any((2, 3)))), *static_views(masks))
         self.missing = (*of_frames, *lost) if of_frames or lost else repeated_frames(masks)

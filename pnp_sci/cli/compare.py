@@ -71,6 +71,7 @@ def compare(
 
     y = io.read_measurement(measurement, key)
     masks, unused = masks_for(measurement, masks_file or calibration, views, masks_key), bad_pixels(bad)
+    given = None if calibration is None else full_scale
     if calibration is not None:
         made, unused, full_scale = calibrated(calibration, unused, full_scale)
         y = made.correct(y)
@@ -87,7 +88,16 @@ def compare(
         bench.grid(iterations=iterations, **{name: words(text) for name, text in grid.items()}),
         reference=truth,
         source=bench.Source(
-            measurement, masks_file or calibration or measurement, views, key, masks_key, index, bad, each, calibration
+            measurement,
+            masks_file or calibration or measurement,
+            views,
+            key,
+            masks_key,
+            index,
+            bad,
+            each,
+            calibration,
+            given,
         ),
         progress=interactive(),
         noise=sensor,

@@ -111,7 +111,8 @@ def settings_of(
     calibration: Calibration | None = None,
 ) -> dict[str, Any]:
     """All that determines the result but the values of the measurements; the number of threads does not."""
-    raw = {} if calibration is None else {"calibration": plain("calibration", replace(calibration, quality=None))}
+    used = "dark", "bad", "crop", "full_scale"
+    raw = {f"calibration {name}": plain(name, getattr(calibration, name)) for name in used * (calibration is not None)}
     return raw | {
         "measurements": source.count,
         "size": list(masks.shape),

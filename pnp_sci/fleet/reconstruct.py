@@ -51,7 +51,8 @@ def reconstruct(
         The measurements: a zarr array, HDF5, NPY, a TIFF stack, a folder or a list of files, or an array. Only what a
         chunk needs is read.
     masks : array_like, (V, B, H, W) or (B, H, W), SensingOperator, or Calibration
-        As for :func:`pnp_sci.solve`. With a calibration the source holds raw pictures, which it corrects.
+        As for :func:`pnp_sci.solve`. With a calibration the source holds raw pictures, which it corrects;
+        tell what is saturated by ``noise=Sensor(full_scale=calibration.saturation)``.
     out : path
         Folder for the result, OME-Zarr 0.5. Workers must see it under the same path.
     client : None, str or distributed.Client

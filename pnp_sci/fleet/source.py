@@ -92,7 +92,10 @@ def corrected(source: Source, calibration: Calibration) -> Source:
 
 
 def _corrected(read: readers.Reader, calibration: Calibration, start: int, stop: int) -> np.ndarray:
-    return calibration.correct(read(start, stop))
+    raw = read(start, stop)
+    y = calibration.correct(raw)
+    y[~raw.any((1, 2))] = 0  # a picture that is missing stays one
+    return y
 
 
 def _measurements(name: str, array: Any, reader: readers.Reader, travels: bool = True) -> Source:

@@ -137,7 +137,7 @@ def exploded(x: np.ndarray, problem: Problem) -> str:
     if not left <= 1:
         return f"leaves {left:.3g} times y as residual"
     excess = length(problem.op.forward(np.abs(x))) / (length(light) or 1.0)
-    if excess > CANCELS and problem.op.masks.min() >= 0:
+    if excess > CANCELS and not problem.op.signed:
         return f"cancels itself ({excess:.3g} times as much light)"
     return ""
 

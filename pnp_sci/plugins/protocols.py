@@ -169,6 +169,7 @@ class Decoder(Protocol):
         Raises
         ------
         InputError
-            If no weights serve so many views and frames, a mask is negative, or the device cannot be used.
+            If no weights serve so many views and frames, masks are negative by more than noise, or the device cannot be
+            used.
         """
         ...

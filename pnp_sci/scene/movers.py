@@ -127,7 +127,7 @@ def _even(speed: np.ndarray, length: np.ndarray, share: float) -> np.ndarray:
     Each frame adds a window; all pairs of frames lose their overlap, as often as `share` says.
     """
     own = lost = length * SIDE**2
-    for apart in range(1, length.max()):  # frames between two
+    for apart in range(1, length.max(initial=0)):  # frames between two
         overlap = np.prod(np.maximum(SIDE - apart * np.abs(speed), 0), axis=1)
         lost = lost + 2 * np.maximum(length - apart, 0) * overlap
     variance = own - share * lost

@@ -1,6 +1,7 @@
 """Masks from raw pictures with the faults that cameras have, against the masks that the pictures were made with."""
 
 import json
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -231,10 +232,25 @@ def test_commands_take_a_calibration_and_its_full_scale(saturated, tmp_path, mon
     else:
         (row,) = json.loads(Path("t.json").read_text())["rows"]
         assert "--calibration c.npz" in row["command"]
+        assert not {"--masks", "--full-scale"} & set(row["command"].split())  # those of the calibration hold
         found = {"pnp_sci": pnp_sci}
         exec(row["python"], found)
         x = found["result"].x
     np.testing.assert_array_equal(x, expected.x)
+
+
+def test_a_raw_picture_that_is_missing_is_no_measurement(saturated, tmp_path):
+    made, raw, _ = saturated
+    videos = pnp_sci.reconstruct(np.stack([raw, 0 * raw]), made, tmp_path / "v.zarr", prior="tv", iterations=1)
+    assert [row["ok"] for row in videos.table()] == [True, False]
+    assert "y is 0 everywhere" in videos.record(1)["error"]
+
+
+@pytest.mark.parametrize("full_scale", [5.0, 100.0, np.nan, np.inf])
+def test_full_scale_is_above_the_dark(saturated, full_scale):
+    made, raw, _ = saturated
+    with pytest.raises(InputError, match=f"full_scale is {full_scale}: more than the largest dark value"):
+        replace(made, full_scale=full_scale).correct(raw)
 
 
 def test_crop_holds_for_measurements_too():
