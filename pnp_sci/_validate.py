@@ -22,8 +22,9 @@ def shown(value: Any) -> str:
     >>> shown("tv"), shown(np.zeros((2, 10, 64, 64)))
     ("'tv'", 'an array (2, 10, 64, 64) of float64')
     """
-    if hasattr(value, "__array__") and hasattr(value, "dtype") and math.prod(value.shape) > FEW:
-        return f"an array {tuple(value.shape)} of {value.dtype}"
+    shape = getattr(value, "shape", None)
+    if isinstance(shape, tuple) and hasattr(value, "__array__") and math.prod(shape) > FEW:
+        return f"an array {tuple(shape)} of {value.dtype}"
     text = repr(value)
     return text if len(text) <= LONGEST else f"{text[:LONGEST]}..."
 

@@ -94,7 +94,7 @@ def corrected(source: Source, calibration: Calibration) -> Source:
 def _corrected(read: readers.Reader, calibration: Calibration, start: int, stop: int) -> np.ndarray:
     raw = read(start, stop)
     y = calibration.correct(raw)
-    y[~raw.any((1, 2))] = 0  # a picture that is missing stays one
+    y.data[~raw.any((1, 2))] = 0  # a picture that is missing stays one
     return y
 
 
