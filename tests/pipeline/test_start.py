@@ -167,7 +167,7 @@ def test_damaged_weights_are_told_and_not_passed_over(scene, monkeypatch):
         (dict, "init is <class 'dict'>"),
         (lambda y: y, "init is <function"),
         (lambda problem, scene: problem.y, "init has shape"),
-        (lambda problem, scene: None, "init has dtype object"),
+        (lambda problem, scene: None, "init is None: an array of real numbers"),
         (lambda problem, scene: np.full(problem.op.shape, np.nan), "init has .* NaN"),
     ],
 )
