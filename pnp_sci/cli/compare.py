@@ -71,7 +71,7 @@ def compare(
 
     y = io.read_measurement(measurement, key)
     masks, unused = masks_for(measurement, masks_file or calibration, views, masks_key), bad_pixels(bad)
-    given = None if calibration is None else full_scale
+    raw = {} if calibration is None else {"calibration": calibration, "full_scale": full_scale}
     if calibration is not None:
         made, unused, full_scale = calibrated(calibration, unused, full_scale)
         y = made.correct(y)
@@ -82,23 +82,13 @@ def compare(
         index, count = index or 0, len(y)
         y, masks = one_of(y, masks, index)
         truth = None if truth is None else of_one(truth, count, index)
+    files = measurement, masks_file or calibration or measurement, views, key, masks_key, index, bad, each
     result = bench.compare(
         y,
         masks,
         bench.grid(iterations=iterations, **{name: words(text) for name, text in grid.items()}),
         reference=truth,
-        source=bench.Source(
-            measurement,
-            masks_file or calibration or measurement,
-            views,
-            key,
-            masks_key,
-            index,
-            bad,
-            each,
-            calibration,
-            given,
-        ),
+        source=bench.Source(*files, **raw),
         progress=interactive(),
         noise=sensor,
         seed=seed,
