@@ -70,7 +70,7 @@ def compare(
     from pnp_sci import bench, io
 
     y = io.read_measurement(measurement, key)
-    masks, unused = masks_for(measurement, masks_file or calibration, views, masks_key), bad_pixels(bad)
+    masks, unused = masks_for(measurement, masks_file, calibration, views, masks_key), bad_pixels(bad)
     raw = {} if calibration is None else {"calibration": calibration, "full_scale": full_scale}
     if calibration is not None:
         made, unused, full_scale = calibrated(calibration, unused, full_scale)

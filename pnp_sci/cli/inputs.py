@@ -16,14 +16,34 @@ if TYPE_CHECKING:
     from pnp_sci.camera.calibration import Calibration
 
 
-def masks_for(measurement: Path, masks_file: Path | None, views: int | None, key: str | None) -> np.ndarray:
-    """The masks (V, B, H, W) of a measurement that has been read: those of `masks_file`, by default of its own file."""
+def masks_for(
+    measurement: Path, masks_file: Path | None, calibration: Path | None, views: int | None, key: str | None
+) -> np.ndarray:
+    """The masks (V, B, H, W) of a measurement that has been read: of `masks_file`, `calibration`, or its own file."""
     from pnp_sci import io
 
+    say_whose(masks_file, calibration)
+    masks_file = masks_file or calibration
     if masks_file is None and len(io.describe(measurement)) == 1:
         there = "holds a single array of real numbers, no masks beside it"
         raise click.UsageError(f"{measurement} {there}: --masks FILE was expected")
     return io.read_masks(masks_file or measurement, views, key)
+
+
+def say_whose(masks_file: Path | None, calibration: Path | None) -> None:
+    """Say what is taken of which file, where both are given or masks are taken of a calibration."""
+    from pnp_sci import io
+    from pnp_sci.formats.arrays import CONTAINERS
+
+    if masks_file is None:
+        return
+    keys = {entry.key for entry in io.describe(masks_file)} if masks_file.suffix.lower() in CONTAINERS else set()
+    if calibration is not None:
+        taken = f"the masks are those of {masks_file}, dark frame and bad pixels those of {calibration}"
+        click.echo(f"--masks and --calibration: {taken}", err=True)
+    elif {"dark", "bad", "crop"} <= keys:  # what Calibration.save writes
+        left = f"the dark frame and the bad pixels of {masks_file} are not used"
+        click.echo(f"Warning: --masks takes the masks only, {left}: --calibration takes all", err=True)
 
 
 def calibrated(file: Path, bad: Any, full_scale: float | None) -> tuple[Calibration, Any, float | None]:

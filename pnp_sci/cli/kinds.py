@@ -17,7 +17,7 @@ FILE = click.Path(exists=True, path_type=Path)
 
 NEEDED = {  # package and extra that a format of outputs needs
     **dict.fromkeys((".h5", ".hdf5"), ("h5py", "hdf5")),
-    **dict.fromkeys((".mp4", ".avi", ".mov", ".mkv", ".gif"), ("imageio_ffmpeg", "video")),
+    **dict.fromkeys((".mp4", ".avi", ".mov", ".mkv", ".gif"), ("av", "video")),
     ".zarr": ("zarr", "zarr"),
 }
 

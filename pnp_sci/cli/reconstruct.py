@@ -11,7 +11,7 @@ from typing import Any
 
 import click
 
-from pnp_sci.cli.inputs import calibrated
+from pnp_sci.cli.inputs import calibrated, say_whose
 from pnp_sci.cli.kinds import FILE, FOLDER, POSITIVE, SEED, Command
 from pnp_sci.cli.options import bad_pixels, camera, camera_options, interactive, pairs, solver_options, stages
 from pnp_sci.errors import SolverError
@@ -74,6 +74,7 @@ def reconstruct(
             raise click.UsageError(f"{came}: keep it elsewhere")
     unused = bad_pixels(bad)
     if calibration is None:
+        say_whose(masks_file, None)
         masks = pnp_sci.io.read_masks(given, views, masks_key)
     else:
         masks, unused, full_scale = calibrated(calibration, unused, full_scale)

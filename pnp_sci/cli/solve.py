@@ -78,15 +78,11 @@ def solve(
     from pnp_sci import api, io
 
     y = io.read_measurement(measurement, key)
-    masks = masks_for(measurement, masks_file or calibration, views, masks_key)
+    masks = masks_for(measurement, masks_file, calibration, views, masks_key)
     unused = bad_pixels(bad)
     if calibration is not None:
-        _say_whose(masks_file, calibration)
         made, unused, full_scale = calibrated(calibration, unused, full_scale)
         y = made.correct(y)
-    elif masks_file is not None and _is_calibration(masks_file):
-        left = f"the dark frame and the bad pixels of {masks_file} are not used"
-        click.echo(f"Warning: --masks takes the masks only, {left}: --calibration takes all", err=True)
     sensor = camera(noise, gain, full_scale, bits)
     shape, colour, count = masks.shape[-4:], settings["mosaic"] is not None, len(y) if y.ndim == 3 else None
     check_white(white, shape[0])
@@ -105,19 +101,3 @@ def solve(
     print_scores(result.x, truth, peak, colour)
     click.echo(f"Written: {', '.join(written)}")
     result.raise_for_status()
-
-
-def _say_whose(masks_file: Path | None, calibration: Path) -> None:
-    """Say what is taken of which file, where both are given."""
-    if masks_file is not None:
-        taken = f"the masks are those of {masks_file}, dark frame and bad pixels those of {calibration}"
-        click.echo(f"--masks and --calibration: {taken}", err=True)
-
-
-def _is_calibration(path: Path) -> bool:
-    """Whether a file of masks holds what `Calibration.save` writes."""
-    from pnp_sci import io
-    from pnp_sci.formats.arrays import CONTAINERS
-
-    keys = {entry.key for entry in io.describe(path)} if path.suffix.lower() in CONTAINERS else set()
-    return {"dark", "bad", "crop"} <= keys

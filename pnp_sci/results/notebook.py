@@ -56,7 +56,7 @@ def _picture(video: np.ndarray) -> str:
 
 
 def _player(video: np.ndarray) -> str:
-    """All frames, the views side by side: MP4 if ffmpeg is installed, else GIF."""
+    """All frames, the views side by side: MP4 if PyAV is installed, else GIF."""
 
     def frames(side: int) -> np.ndarray:
         film = np.stack([_resized(np.concatenate(views, axis=1), side) for views in video.swapaxes(0, 1)])

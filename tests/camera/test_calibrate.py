@@ -179,6 +179,11 @@ def test_bad_pixels_of_the_whole_sensor_go_with_a_cropped_calibration(tmp_path, 
     done = CliRunner().invoke(main, ["solve", "part.npy", *words[2:-1], "part.png", "--masks", "c.npz"])
     assert done.exit_code == 0, done.output
     assert "the dark frame and the bad pixels of c.npz are not used: --calibration" in done.output
+    io.write("masks.npy", calibrate(dark, white, raw, crop=(4, 6, 32, 40)).masks)
+    compare = ["compare", "raw.npy", "--priors", "tv", *words[2:], "--calibration", "c.npz", "--masks", "masks.npy"]
+    done = CliRunner().invoke(main, compare)
+    assert done.exit_code == 0, done.output
+    assert "the masks are those of masks.npy, dark frame and bad pixels those of c.npz" in done.output
 
 
 @pytest.fixture(scope="module")

@@ -66,7 +66,7 @@ def test_help_loads_nothing_heavy():
 
 def test_demo_in_a_process_scores_and_shows_two_views(tmp_path):
     pytest.importorskip("matplotlib")
-    pytest.importorskip("imageio_ffmpeg")
+    pytest.importorskip("av")
     done = subcommand("demo", "--size", 64, cwd=tmp_path)
     assert done.returncode == 0, done.stderr
     assert done.stderr == ""

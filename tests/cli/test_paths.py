@@ -106,7 +106,7 @@ def test_both_places_that_are_full_are_named(folder, monkeypatch):
     [
         ("h5py", ("solve", "m.npz", "--out", "r.h5")),
         ("zarr", ("solve", "m.npz", "--out", "r.zarr")),
-        ("imageio_ffmpeg", ("solve", "m.npz", "--video", "r.mp4")),
+        ("av", ("solve", "m.npz", "--video", "r.mp4")),
         ("h5py", ("simulate", "m.npz", "--out", "r.h5")),
         ("jinja2", ("compare", "m.npz", "--html", "r.html")),
         ("matplotlib", ("bench", "--curves", "r.svg")),

@@ -23,7 +23,7 @@ def demo(folder, *options):
 @pytest.fixture(scope="module")
 def small(tmp_path_factory):
     pytest.importorskip("matplotlib")
-    pytest.importorskip("imageio_ffmpeg")
+    pytest.importorskip("av")
     folder = tmp_path_factory.mktemp("demo")
     return folder, demo(folder, "--size", "64")
 

@@ -11,7 +11,7 @@ import pytest
 
 ROOT = Path(__file__).parents[2]
 APART = "napari"  # the extra that `all` leaves out: 60 packages, and it needs a desktop
-OPTIONAL = ["matplotlib", "imageio_ffmpeg", "h5py", "xarray", "zarr", "pooch", "jinja2", "torch", "safetensors"]
+OPTIONAL = ["matplotlib", "av", "h5py", "xarray", "zarr", "pooch", "jinja2", "torch", "safetensors"]
 OPTIONAL += ["deepinv", "onnx", "distributed", "psutil"]
 HIDE = """
 import sys
@@ -69,9 +69,9 @@ def extras():
         ("matplotlib", "result.plot()", "plot"),
         ("matplotlib", "pnp_sci.plot.plot_history(result)", "plot"),
         ("matplotlib", "from pnp_sci.bench import draw; draw('curves.svg', {})", "plot"),
-        ("imageio_ffmpeg", "result.export('views.mp4')", "video"),
-        ("imageio_ffmpeg", "io.write_video('views.gif', result.x[0] * 0)", "video"),
-        ("imageio_ffmpeg", "open('views.avi', 'wb').close(); io.read_video('views.avi')", "video"),
+        ("av", "result.export('views.mp4')", "video"),
+        ("av", "io.write_video('views.gif', result.x[0] * 0)", "video"),
+        ("av", "open('views.avi', 'wb').close(); io.read_video('views.avi')", "video"),
         ("h5py", "io.write('views.h5', result.x)", "hdf5"),
         ("h5py", "open('views.h5', 'wb').close(); io.read('views.h5')", "hdf5"),
         ("h5py", "result.save('result.h5')", "hdf5"),
@@ -127,7 +127,7 @@ def test_local_data_need_no_download(tmp_path, data):
 
 def test_the_demo_says_what_it_leaves_out(tmp_path):
     code = "from pnp_sci.cli.main import main; main(['demo', '--size', '32', '--prior', 'tv'])"
-    printed = without(["imageio_ffmpeg"], code, tmp_path)
+    printed = without(["av"], code, tmp_path)
     assert re.search(r'No demo\.mp4: .+ "\.\[video\]"', printed)
     assert [file.name for file in tmp_path.iterdir()] == ["demo.png"]
 

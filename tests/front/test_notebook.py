@@ -29,7 +29,7 @@ def embedded(html, kind):
 
 @pytest.fixture
 def no_ffmpeg(monkeypatch):
-    monkeypatch.setitem(__import__("sys").modules, "imageio_ffmpeg", None)
+    monkeypatch.setitem(__import__("sys").modules, "av", None)
 
 
 def test_the_picture_shows_frames_of_every_view():
@@ -45,7 +45,7 @@ def test_the_picture_shows_frames_of_every_view():
 
 
 def test_the_player_shows_all_frames(tmp_path):
-    pytest.importorskip("imageio_ffmpeg")
+    pytest.importorskip("av")
     truth = embedded_scene(64).truth
     html = result(truth, peak=1.0)._repr_html_()
     (film,) = embedded(html, "video/mp4")

@@ -17,7 +17,7 @@ def test_it_is_short():
 
 def test_its_python_runs(tmp_path, monkeypatch):
     """All of it, one snippet after the other, on a smaller scene; and the prior of one's own beats none."""
-    for module in ("torch", "matplotlib", "imageio_ffmpeg"):
+    for module in ("torch", "matplotlib", "av"):
         pytest.importorskip(module)
     monkeypatch.chdir(tmp_path)
     names = {}
