@@ -91,7 +91,18 @@ class Session(Protocol):
 
 @runtime_checkable
 class Prior(Protocol):
-    """A denoiser that encodes what is assumed of a video. Immutable: threads and processes may share one."""
+    """A denoiser that encodes what is assumed of a video. Immutable: threads and processes may share one.
+
+    Examples
+    --------
+    A prior that smooths along time; its session is a function, as it needs no memory:
+
+    >>> import pnp_sci
+    >>> from scipy.ndimage import gaussian_filter1d
+    >>> smooth = pnp_sci.as_prior(lambda v, sigma: gaussian_filter1d(v, 1.0, axis=1))
+    >>> isinstance(smooth, Prior), smooth.traits((1, 8, 16, 16)).strong
+    (True, False)
+    """
 
     def traits(self, shape: tuple[int, ...]) -> Traits:
         """What the solver must know beforehand.
@@ -147,6 +158,14 @@ class Decoder(Protocol):
     ----------
     needs_scene : bool
         Whether it makes use of the scene model; if not, :func:`pnp_sci.decode` does not look for one.
+
+    Examples
+    --------
+    >>> import pnp_sci
+    >>> decoder = pnp_sci.as_decoder(lambda problem, scene: problem.op.adjoint(problem.y) / 10)
+    >>> scene = pnp_sci.datasets.embedded_scene(32)
+    >>> pnp_sci.decode(scene.y, scene.masks, decoder).x.shape
+    (2, 10, 32, 32)
     """
 
     needs_scene: bool

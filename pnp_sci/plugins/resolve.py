@@ -150,6 +150,11 @@ def as_decoder(decoder: Any, **options: Any) -> Decoder:
     ------
     InputError, InputTypeError
         If it stands for none, or takes no such options.
+
+    Examples
+    --------
+    >>> as_decoder(lambda problem, scene: problem.op.adjoint(problem.y) / 10).needs_scene
+    True
     """
     return decoder_for("decoder", decoder, options)
 

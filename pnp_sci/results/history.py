@@ -15,7 +15,13 @@ from pnp_sci.errors import InputError
 
 
 class Status(Enum):
-    """Why a solver stopped, as a sentence; from the best to the worst."""
+    """Why a solver stopped, as a sentence; from the best to the worst.
+
+    Examples
+    --------
+    >>> Status.TIME_BUDGET.value, Status.TIME_BUDGET.ok
+    ('the time budget was spent', True)
+    """
 
     CONVERGED = "the iterates stopped changing"
     DECODED = "a network decoded the measurement, without iterations"

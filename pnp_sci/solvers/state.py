@@ -58,6 +58,15 @@ class State:
         What the denoiser was called with to get x; NaN for the first estimate.
     pace : float
         How many residuals GAP adds to its multiplier in the next iteration.
+
+    Examples
+    --------
+    >>> import pnp_sci
+    >>> scene = pnp_sci.datasets.embedded_scene(32)
+    >>> op = pnp_sci.SensingOperator(scene.masks)
+    >>> state = next(pnp_sci.iterate(op, scene.y, "tv", op.adjoint(scene.y) / 10))
+    >>> state.iteration, state.x.shape
+    (0, (2, 10, 32, 32))
     """
 
     iteration: int
