@@ -57,14 +57,23 @@ class Fused(nn.Module):
         self.register_buffer("weight", layer.weight.detach().to(dtype, memory_format=torch.channels_last))
         self.register_buffer("bias", None if layer.bias is None else layer.bias.detach().to(dtype))
         self.geometry = layer.padding, layer.stride, layer.dilation, layer.groups
+        reach = layer.dilation[1] * (layer.kernel_size[1] - 1) + 1 - 2 * int(layer.padding[1])
+        self.two = layer.stride[1] + reach if layer.stride != (1, 1) else 0  # columns of which two are made
         kind = "none" if rectifier is None else RECTIFIERS[type(rectifier)]
         self.rectifier = kind, [rectifier.negative_slope] if isinstance(rectifier, nn.LeakyReLU) else [], ""
 
     def forward(self, x: torch.Tensor, added: torch.Tensor | None = None) -> torch.Tensor:
-        """Convolve x (N, C, H, W); `added`, of the shape of the result, is added to it."""
+        """Convolve x (N, C, H, W); `added`, of the shape of the result, is added to it.
+
+        With strides, oneDNN gives arbitrary values where the result is a single column of bfloat16 on CPUs with AMX. So
+        it makes two columns.
+        """
         dtype = self.weight.dtype
         layer = self.weight, self.bias, *self.geometry
         convolve = torch.ops.mkldnn._convolution_pointwise
+        if x.shape[-1] < self.two:
+            assert added is None, "what a stride has made smaller has no sum"
+            return self(nn.functional.pad(x, (0, self.two - x.shape[-1])))[..., :1]
         if added is None:
             return convolve(x.to(dtype), *layer, *self.rectifier)
         assert self.rectifier[0] == "none", "no activation may follow a sum"
@@ -110,16 +119,16 @@ def _lines(x: torch.Tensor) -> np.ndarray:
 
 
 def fuse(network: nn.Module, dtype: torch.dtype) -> None:
-    """Replace the convolutions in all ``nn.Sequential`` of a network on the CPU by fused ones, for inference only.
+    """Replace the convolutions in all sequences and lists of a network on the CPU by fused ones, for inference only.
 
     Does nothing where this version of torch or this processor does not support it.
     """
     if not _can_fuse(dtype):
         return
-    for sequence in [module for module in network.modules() if isinstance(module, nn.Sequential)]:
+    for sequence in [module for module in network.modules() if isinstance(module, (nn.Sequential, nn.ModuleList))]:
         for i, layer in enumerate(sequence):
             if isinstance(layer, nn.Conv2d) and layer.padding_mode == "zeros" and not isinstance(layer.padding, str):
-                follows = sequence[i + 1] if i + 1 < len(sequence) else None
+                follows = sequence[i + 1] if isinstance(sequence, nn.Sequential) and i + 1 < len(sequence) else None
                 rectifier = follows if type(follows) in RECTIFIERS else None
                 sequence[i] = (Winograd if Winograd.serves(layer, dtype) else Fused)(layer, rectifier, dtype)
                 if rectifier is not None:

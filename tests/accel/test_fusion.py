@@ -3,7 +3,10 @@
 import copy
 
 import numba
+import numpy as np
 import pytest
+
+import pnp_sci
 
 torch = pytest.importorskip("torch")
 from torch import nn  # noqa: E402
@@ -180,3 +183,30 @@ def test_a_residual_unit_ends_with_fewer_products(monkeypatch):
     x = torch.randn(3, 32, 20, 22)
     with torch.inference_mode():
         torch.testing.assert_close(few(x), apart(x), rtol=1e-5, atol=3e-5)
+
+
+@pytest.mark.parametrize("geometry", [(2, 2, 0), (3, 2, 1), (4, 2, 1), (3, 3, 1), (5, 2, 2)], ids=str)
+@pytest.mark.parametrize("inputs", [5, 48, 64])
+def test_strides_that_leave_a_single_column(geometry, inputs):
+    """On CPUs with AMX the convolution itself gives arbitrary values there, in bfloat16."""
+    if not fusion._can_fuse(torch.bfloat16):
+        pytest.skip("this torch fuses nothing")
+    torch.manual_seed(0)
+    layer = nn.Conv2d(inputs, 32, *geometry)
+    fused = copy.deepcopy(nn.ModuleList([layer]))
+    fusion.fuse(fused, torch.bfloat16)
+    for columns in range(1, 6):
+        for rows in (4, 12, 16, 33):
+            x = torch.randn(2, inputs, rows, columns).contiguous(memory_format=torch.channels_last)
+            if columns + 2 * geometry[2] >= geometry[0]:
+                with torch.inference_mode():
+                    torch.testing.assert_close(fused[0](x).float(), layer(x), rtol=0.03, atol=0.05)
+
+
+@pytest.mark.parametrize("shape", [(1, 1, 8, 64), (1, 2, 64, 8), (1, 1, 3, 100), (2, 1, 40, 5)])
+def test_networks_serve_narrow_pictures(shape):
+    ramp = np.broadcast_to(np.linspace(0.1, 0.9, max(shape)), (*shape[:2], min(shape[2:]), max(shape)))
+    clean = ramp if shape[3] > shape[2] else ramp.swapaxes(2, 3)
+    noisy = (clean + 0.05 * np.random.default_rng(0).standard_normal(shape)).astype(np.float32)
+    for prior in ("ffdnet", "video"):
+        assert np.abs(pnp_sci.denoise(noisy, 0.05, prior) - clean).max() < 0.15
