@@ -61,12 +61,12 @@ SCALES = (255.0, 1023.0, 4095.0, 16383.0, 65535.0)  # white of 8, 10, 12, 14 and
 
 
 def white(name: str, dtype: np.dtype, largest: float) -> float:
-    """The value of white in pictures of this dtype: 255 of uint8, 1 of bool, and of floats up to 1.
+    """The value of white in pictures of this dtype: 255 of uint8, 1 of bool, and of floats below 2.
 
     Of uint16, which also holds 10, 12 and 14 bits, and of other floats it is white of the fewest bits that hold the
     `largest` value.
     """
-    if dtype.kind in "fb" and largest <= 1 + 1e-6:
+    if dtype.kind in "fb" and largest < 2:  # a float above 1 is too bright, rather than a grey level of 8 bits
         return 1.0
     if dtype.kind not in "fb" and dtype.newbyteorder("=") not in (np.uint8, np.uint16):  # 255 in int64 would be black
         raise InputTypeError(f"{name} has dtype {dtype}: floats in [0, 1], uint8 or uint16 were expected")

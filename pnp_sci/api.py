@@ -86,7 +86,7 @@ def solve(
     reference : array_like, optional
         The truth, for PSNR and SSIM in the history, in the units of the result.
     peak : float, optional
-        White in the reference. By default 255 of uint8, and 1 of floats that are not larger; of uint16 and other floats
+        White in the reference. By default 255 of uint8, and 1 of floats below 2; of uint16 and other floats
         that of 8, 10, 12, 14 or 16 bits, the fewest that hold its values.
     callback : callable, optional
         Called with each `State` of what is modelled; a true value stops the solver, for all measurements.

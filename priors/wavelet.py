@@ -9,7 +9,7 @@ import pywt
 
 from pnp_sci._validate import positive_number, whole
 from pnp_sci.errors import InputError
-from pnp_sci.plugins.protocols import Prior, Session
+from pnp_sci.plugins.protocols import Prior, Session, Traits
 
 _HAAR = 0.5**0.5
 
@@ -73,6 +73,10 @@ class Wavelet(Prior):
             )
         for name, least in (("levels", 1), ("time", 0), ("shifts", 1), ("seed", 0)):
             whole(name, getattr(self, name), least)
+
+    def traits(self, shape: tuple[int, ...]) -> Traits:
+        """The shifts move the estimates: the solver returns their mean."""
+        return Traits(average=True)
 
     def begin(self, shape: tuple[int, ...], dtype: np.dtype) -> Session:
         """A session that begins with the first shift."""

@@ -53,6 +53,8 @@ class Source:
         chosen = "" if self.index is None else f"[{self.index}]"
         masks = _call("io.read_masks", repr(str(self.masks)), views=self.views, key=self.masks_key)
         bad = {None: "", "auto": "bad = 'auto'\n"}.get(self.bad, f"bad = io.read({self.bad!r}) != 0\n")
+        if chosen and self.bad not in (None, "auto"):
+            bad += f"bad = bad{chosen} if bad.ndim == 3 else bad\n"
         made = ""
         if self.calibration is not None:
             made = f"calibration = pnp_sci.Calibration.load({str(self.calibration)!r})\n"

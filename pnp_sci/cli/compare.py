@@ -80,7 +80,7 @@ def compare(
     truth = None if truth_file is None else true_video(truth_file, masks.shape[-4:], several, reference_key)
     if several or index is not None:
         index, count = index or 0, len(y)
-        y, masks = one_of(y, masks, index)
+        y, masks, unused = one_of(y, masks, unused, index)
         truth = None if truth is None else of_one(truth, count, index)
     files = measurement, masks_file or calibration or measurement, views, key, masks_key, index, bad, each
     result = bench.compare(

@@ -109,14 +109,15 @@ def true_video(
     return video.reshape(views, -1, frames, rows, columns, *colours).swapaxes(0, 1) if several else video
 
 
-def one_of(y: np.ndarray, masks: np.ndarray, index: int) -> tuple[np.ndarray, np.ndarray]:
-    """The measurement that ``--index`` stands for, and its masks: its own, or those of all."""
+def one_of(y: np.ndarray, masks: np.ndarray, bad: Any, index: int) -> tuple[np.ndarray, np.ndarray, Any]:
+    """The measurement that ``--index`` stands for, its masks and its bad pixels: its own, or those of all."""
     if y.ndim == 2 or index >= len(y):
         count = 1 if y.ndim == 2 else len(y)
         raise click.BadParameter(f"{index} came, but the file has {count} measurements", param_hint="--index")
     if masks.ndim == 5 and len(masks) != len(y):
         raise InputError(f"masks are those of {len(masks)} measurements, but y has {len(y)}: the same was expected")
-    return y[index], masks[index] if masks.ndim == 5 else masks
+    own = getattr(bad, "shape", None) == y.shape
+    return y[index], masks[index] if masks.ndim == 5 else masks, bad[index] if own else bad
 
 
 def of_one(truth: np.ndarray, count: int | None, index: int) -> np.ndarray:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import inspect
 import json
 import sys
 from pathlib import Path
@@ -16,6 +17,8 @@ if TYPE_CHECKING:
     from collections.abc import Callable
 
     from pnp_sci.sensing.sensor import Sensor
+
+OF_SOLVE = {"scene", "sigma", "tol", "threads"}  # arguments of `solve` that are no options of commands
 
 
 def interactive() -> bool:
@@ -82,11 +85,16 @@ def bad_pixels(bad: str | None) -> Any:
 
 def pairs(options: tuple[str, ...]) -> dict[str, Any]:
     """``("inner=5", "mode=iso")`` -> ``{"inner": 5, "mode": "iso"}``."""
-    pairs = {}
+    from pnp_sci import api
+
+    pairs, taken = {}, click.get_current_context().params.keys() | inspect.signature(api.solve).parameters.keys()
     for option in options:
         key, separator, value = option.partition("=")
         if not separator or not key.isidentifier():
             raise click.BadParameter(f"{option!r} came, KEY=VALUE was expected", param_hint="--option")
+        if key in taken - OF_SOLVE:
+            expected = f"an option of the prior, or one of {', '.join(sorted(OF_SOLVE))}"
+            raise click.BadParameter(f"{key!r} came, {expected} was expected", param_hint="--option")
         try:
             pairs[key] = json.loads(value)
         except json.JSONDecodeError:

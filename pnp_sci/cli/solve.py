@@ -32,7 +32,7 @@ from pnp_sci.cli.outputs import SAVED, SHOWN, White, check_white, named, print_s
 @click.option("--sequence", is_flag=True, help="The measurements follow one another: solve them as one video.")
 @click.option("--seed", default=0, type=SEED, show_default=True)
 @click.option("--mosaic", help="Colour filters of the camera: RGGB, BGGR, GRBG or GBRG.  [default: grey]")
-@click.option("--option", "options", multiple=True, metavar="KEY=VALUE", help="Option of the prior; may be repeated.")
+@click.option("--option", "options", multiple=True, metavar="KEY=VALUE", help="Of the prior, or scene=full; may recur.")
 @click.option("--reference", type=FILE, help="File with the true video, to score the result.")
 @click.option("--reference-key", help="Name of the true video in its file, where it cannot be told.")
 @click.option("--peak", type=POSITIVE, help="White in the true video.  [default: 1, or of 8, 10, 12, 14, 16 bits]")
@@ -87,7 +87,7 @@ def solve(
     shape, colour, count = masks.shape[-4:], settings["mosaic"] is not None, len(y) if y.ndim == 3 else None
     check_white(white, shape[0])
     if index is not None:
-        y, masks = one_of(y, masks, index)
+        y, masks, unused = one_of(y, masks, unused, index)
     truth = None if reference is None else usable_truth(reference, shape, count, index, reference_key, peak, colour)
     result = api.solve(
         y, masks, staged,

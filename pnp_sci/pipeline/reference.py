@@ -26,7 +26,7 @@ class Reference:
         (N, V, B, H, W), as expected, of mosaics (N, V, B, H, W, 3); N may be left out if it is 1.
     peak : float, optional
         The value of white, in the reference's units, which should be those of the result. By default that of the
-        reference's type; of uint16 and of floats above 1, that of 8, 10, 12, 14 or 16 bits, as few as hold them.
+        reference's type; of uint16 and of floats from 2 on, that of 8, 10, 12, 14 or 16 bits, as few as hold them.
     shown : callable, optional
         What makes of a solver's video (V, B, H, W) one that is compared: mosaics are compared in colour.
     """
@@ -45,8 +45,9 @@ class Reference:
         largest = float(array.max(initial=0))
         self.white = peak or white("reference", array.dtype, largest)
         self.guessed = ""
-        if peak is None and array.dtype.itemsize == 2 and array.dtype.kind == "u" and self.white < np.iinfo("u2").max:
-            told = f"the reference has values up to {largest:g} in uint16: white is taken to be {self.white:g}"
+        sure = array.dtype == np.uint8 or self.white in (1, np.iinfo("u2").max)
+        if peak is None and not sure:
+            told = f"the reference has values up to {largest:g} in {array.dtype}: white is taken to be {self.white:g}"
             self.guessed = f"{told}; peak= says otherwise"
         if array.min(initial=0) < -1e-6 * self.white or largest > (1 + 1e-6) * self.white:
             expected = f"values from 0 to {self.white:g}, which is white, were expected; peak= says what is white"

@@ -118,7 +118,7 @@ def _decoded(name: str, problem: Problem, scene: SceneModel, device: str | None,
     if key in _warm:
         _learn(key, lasted / size)
     _warm.add(key)
-    if why := exploded(x, problem):
+    if why := exploded(scene.expand(scene.restrict(x), x.shape), problem):
         remark = f"init: what {name!r} makes of y {why}: 'adjoint' was taken"
         return Start("adjoint", level(problem.op, problem.y), remarks=[remark])
     return Start(name, x, decoded=True)

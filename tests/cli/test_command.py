@@ -85,6 +85,7 @@ def test_wrong_command_lines_exit_with_2(meas):
     assert "No such command 'slove'" in fails(2, "slove")
     assert "'none.npz' does not exist" in fails(2, "solve", "none.npz")
     assert "--option: 'inner' came, KEY=VALUE was expected" in fails(2, "solve", meas, "--option", "inner")
+    assert "'noise' came, an option of the prior, or one of" in fails(2, "solve", meas, "--option", "noise=3")
     assert "NAME:ITERATIONS" in fails(2, "solve", meas, "--prior", "tv:many")
     assert "auto or a number" in fails(2, "solve", meas, "--noise", "much")
     assert "--index: 0 came, but the file has 1 measurement" in fails(2, "solve", meas, "--index", 0)

@@ -83,6 +83,11 @@ def test_several_measurements_and_one_of_them(here):
     assert one.exit_code == 0, one.output
     assert np.allclose(Result.load("one.npz").x, second, atol=1e-5)
     assert "--index: 2 came" in fails(2, "solve", "m.h5", "--index", 2)
+    bad = np.zeros(y.shape, bool)
+    bad[1, :3] = True
+    io.write("bad.npy", bad)
+    run("solve", "m.h5", "--iterations", 3, "--index", 1, "--bad", "bad.npy", "--out", "without.npz")
+    assert Result.load("without.npz").scene["bad"] == 3 * 32
     io.write("of_one.npz", {"x": truth[1]})
     scored = run("solve", "m.h5", "--iterations", 3, "--index", 1, "--reference", "of_one.npz")
     assert scored.output.splitlines()[1:3] == one.output.splitlines()[1:3], "View 1: PSNR ..."

@@ -188,6 +188,17 @@ def test_an_estimate_that_cancels_itself_is_not_used(scene, monkeypatch):
     assert np.array_equal(result.x, solve(scene.y, scene.masks, init="adjoint", iterations=5).x)
 
 
+@pytest.mark.parametrize("prior", ["flow", "bm3d", "desci"])
+def test_frames_that_no_pixel_sees_do_not_spoil_the_first_estimate(prior):
+    """What a network makes of them is arbitrary; where nothing moves they would count in the mean of all frames."""
+    pytest.importorskip("ofanet_init.decoder")
+    masks = np.zeros((1, 4, 33, 40))
+    masks[0, 0, 16, 20] = 1
+    result = solve(np.random.default_rng(0).random((33, 40)), masks, prior)
+    assert result.status.ok
+    assert np.abs(result.x).max() < 2
+
+
 def test_points_of_light_do_not_spoil_the_first_estimate():
     """The networks have not seen points ten times as bright as the rest."""
     pytest.importorskip("ofanet_init.decoder")

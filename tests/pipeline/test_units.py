@@ -33,6 +33,14 @@ def test_cameras_of_any_bits_store_uint16(bits):
         )
 
 
+def test_floats_a_little_above_one_are_not_of_eight_bits():
+    """White would be 255, and PSNR 48 dB too high."""
+    with pytest.raises(InputError, match=r"reference spans 0 to 1\.0.*peak= says what is white"):
+        pnp_sci.solve(1.05 * SCENE.y, SCENE.masks, iterations=1, reference=1.05 * SCENE.truth)
+    (told,) = pnp_sci.solve(200 * SCENE.y, SCENE.masks, iterations=3, reference=200 * SCENE.truth).remarks
+    assert "in float32: white is taken to be 255; peak= says otherwise" in told
+
+
 def test_peak_says_what_is_white():
     half = pnp_sci.solve(SCENE.y / 2, SCENE.masks, iterations=3, reference=SCENE.truth / 2, peak=0.5)
     plain = pnp_sci.solve(SCENE.y, SCENE.masks, iterations=3, reference=SCENE.truth)

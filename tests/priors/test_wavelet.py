@@ -5,7 +5,7 @@ import pytest
 from skimage import data
 from skimage.restoration import denoise_wavelet
 
-from pnp_sci import denoise, psnr
+from pnp_sci import denoise, psnr, solve
 from pnp_sci.errors import InputError
 from priors.wavelet import Wavelet, shrink
 
@@ -29,6 +29,14 @@ def video(shape=(2, 4, 24, 20)):
 def test_options(options, message):
     with pytest.raises(InputError, match=message):
         Wavelet(**options)
+
+
+def test_within_the_solver_shifts_average_out():
+    """Every pixel of a single frame is measured, so that the video is known."""
+    frame = data.camera()[100:164, 200:264] / 255
+    for prior in (Wavelet(), Wavelet(wavelet="haar", levels=2)):
+        result = solve(frame, np.ones((1, 1, 64, 64)), prior, noise=0)
+        assert psnr(result.x[0, 0], frame) > 45
 
 
 def pan():
