@@ -50,8 +50,8 @@ def reconstruct(
     Parameters
     ----------
     source : path, sequence of paths, or array-like (N, H, W)
-        The measurements: a zarr array, HDF5, NPY, a TIFF stack, a folder or a list of files, or an array. Only what a
-        chunk needs is read.
+        The measurements: a zarr array, HDF5, NPY, a TIFF stack, a folder or a list of files, or an array, of which
+        masked values are bad pixels. Only what a chunk needs is read.
     masks : array_like, (V, B, H, W) or (B, H, W), SensingOperator, or Calibration
         As for :func:`pnp_sci.solve`. With a calibration the source holds raw pictures, which it corrects;
         tell what is saturated by ``noise=Sensor(full_scale=calibration.saturation)``.
@@ -70,7 +70,8 @@ def reconstruct(
     progress : bool
         Whether to show a progress bar.
     **options
-        For :func:`pnp_sci.solve`. `threads` are those of each process.
+        For :func:`pnp_sci.solve`. `threads` are those of each process. `bad` (N, H, W) and `init` (N, V, B, H, W) are
+        those of each measurement.
 
     Returns
     -------
@@ -80,7 +81,10 @@ def reconstruct(
     Raises
     ------
     InputError, InputTypeError, FormatError
-        If an argument cannot be used, `out` holds a result of other settings, or its disk lacks room.
+        If an argument cannot be used, `out` holds a result of other settings, another run is writing there, or its
+        disk lacks room.
+    OSError
+        If nothing more can be written to `out`.
     MissingExtraError
         If the extra "cluster" is not installed.
 
@@ -131,7 +135,10 @@ def _check(source: Source, masks: np.ndarray, preview: Any, options: dict[str, A
     if preview is not None:
         _check_preview(preview)
     bad, dtype = options.get("bad"), np.dtype(np.float64 if source.dtype == np.float64 else np.float32)
-    check_bad(bad, np.broadcast_to(dtype.type(0), (source.count if np.ndim(bad) == EACH["bad"] else 1, *source.shape)))
+    check_bad(
+        bad,
+        np.broadcast_to(dtype.type(0), (source.count if getattr(bad, "ndim", 0) == EACH["bad"] else 1, *source.shape)),
+    )
     known = inspect.signature(check_request).parameters
     asked = {name: value for name, value in with_defaults(options).items() if name in known}
     check_request(check_operator(masks, np.zeros((1, *source.shape), dtype))[0], source.count, **asked)

@@ -74,10 +74,8 @@ def solve_chunk(
     job: Job = plugin.job
     around, options = job.around(chunk, preview), job.options | own
     each = read_each(job.source.read, *around) if each is None else each
-    wrong = {}
-    for k, y in enumerate(each):
-        if said := wrong_with(y, part_of(options, k).get("bad")):
-            wrong[around.start + k] = said
+    found = {n: wrong_with(y, part_of(options, k).get("bad")) for k, (n, y) in enumerate(zip(range(*around), each))}
+    wrong = {n: said for n, said in found.items() if said}
     facts = {"settings": job.fingerprint, "method": job.preview if preview else "solve", "read": digest_of_all(each)}
     solved: list[dict[str, Any]] = []
     try:
@@ -92,12 +90,12 @@ def solve_chunk(
                     solved.append(_solve_run(job, run, kept, stacked(each[where]), part, facts, preview, measure))
     except OSError as error:
         return {"unwritten": error}
-    count = sum(each["solved"] for each in solved)
+    count = sum(run["solved"] for run in solved)
     failed = {"errors": chunk.stop - chunk.start - count}
     if not count:
         return failed
     memory = peak_memory() or getattr(psutil.Process().memory_info(), "peak_wset")  # noqa: B009, only on Windows
-    return failed | {"seconds": sum(each["seconds"] for each in solved), "memory": memory}
+    return failed | {"seconds": sum(run["seconds"] for run in solved), "memory": memory}
 
 
 def _solve_run(
