@@ -13,7 +13,9 @@ from typing import Any
 from pnp_sci._optional import needed_for
 from pnp_sci._validate import shown
 from pnp_sci.errors import InputTypeError
+from pnp_sci.fleet import store
 from pnp_sci.fleet.job import Chunk, Job
+from pnp_sci.fleet.pictures import in_a_line, read_each
 from pnp_sci.fleet.work import JobPlugin, put_failures, solve_chunk
 
 with needed_for("a fleet of measurements", "cluster"):
@@ -23,7 +25,6 @@ with needed_for("a fleet of measurements", "cluster"):
     from distributed.scheduler import KilledWorker
 
 AHEAD = 2  # chunks a worker thread: one is solved while the next is on its way
-RETRIES = 2  # of a chunk that cannot be written; dask itself retries those of killed workers, three times by default
 
 
 def cores() -> int:
@@ -95,18 +96,12 @@ class Team:
 
         def send() -> None:
             while len(sent) < AHEAD * self.size and (chunk := next(waiting, None)) is not None:
-                try:
-                    y = None if job.source.travels else job.source.read(*job.around(chunk, preview))
-                except Exception as error:
-                    done(chunk, self._failed(chunk, preview, error))
-                    continue
+                around = job.around(chunk, preview)
+                each = None if job.source.travels else read_each(job.source.read, *around)
+                arguments = job.name, chunk, each, job.own(around), preview, measure
                 key = f"{job.fingerprint[:12]}-{'preview' if preview else 'solve'}-{chunk.start}-{id(self)}"
                 sent[key] = chunk
-                running.add(
-                    self.client.submit(
-                        solve_chunk, job.name, chunk, y, preview, measure, key=key, pure=False, retries=RETRIES
-                    )
-                )
+                running.add(self.client.submit(solve_chunk, *arguments, key=key, pure=False))
 
         send()
         for future in running:
@@ -118,13 +113,11 @@ class Team:
     def _facts(self, future: Any, chunk: Chunk, preview: bool) -> dict[str, Any]:
         """What a chunk returned; of one that has killed its workers again and again, that it failed."""
         error = future.exception()
-        if error is None:
+        if error is None and "unwritten" not in future.result():
             return future.result()
         if not isinstance(error, KilledWorker):
-            raise error
-        return self._failed(chunk, preview, error)
-
-    def _failed(self, chunk: Chunk, preview: bool, error: BaseException) -> dict[str, Any]:
-        method = self.job.preview if preview else "solve"
-        put_failures(Path(self.job.store), chunk, {"settings": self.job.fingerprint, "method": method}, error)
+            raise error or future.result()["unwritten"]
+        facts = {"settings": self.job.fingerprint, "method": self.job.preview if preview else "solve"}
+        with store.writing(Path(self.job.store)):
+            put_failures(Path(self.job.store), chunk, facts, in_a_line(error))
         return {"errors": chunk.stop - chunk.start}

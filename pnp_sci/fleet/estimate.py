@@ -9,6 +9,7 @@ from pathlib import Path
 from pnp_sci.errors import InputError
 
 UNITS = (3600, "hours"), (60, "minutes")
+SIZES = (1e12, "TB"), (1e9, "GB"), (1e6, "MB")
 
 
 @dataclass(frozen=True)
@@ -29,7 +30,7 @@ class Estimate:
     Examples
     --------
     >>> print(Estimate(100, 2, 75, 5e8, 2e9, 4e10))
-    100 measurements on 2 workers: about 1.2 minutes, 0.50 GB of memory, 2.00 GB on disk (40.00 GB free)
+    100 measurements on 2 workers: about 1.2 minutes, 500.0 MB of memory, 2.0 GB on disk (40.0 GB free)
     """
 
     measurements: int
@@ -43,17 +44,27 @@ class Estimate:
         unit, name = next((pair for pair in UNITS if self.seconds > pair[0]), (1, "seconds"))
         return (
             f"{self.measurements} measurements on {self.workers} worker{'s' * (self.workers != 1)}: "
-            f"about {self.seconds / unit:.1f} {name}, {self.memory / 1e9:.2f} GB of memory, "
-            f"{self.disk / 1e9:.2f} GB on disk ({self.free / 1e9:.2f} GB free)"
+            f"about {self.seconds / unit:.1f} {name}, {size(self.memory)} of memory, "
+            f"{size(self.disk)} on disk ({size(self.free)} free)"
         )
 
     def check(self, out: Path) -> None:
         """Raise an InputError if the disk has no room."""
         if self.disk > self.free:
             raise InputError(
-                f"out is {out}, whose disk has {self.free / 1e9:.2f} GB left: {self.disk / 1e9:.2f} GB were expected "
+                f"out is {out}, whose disk has {size(self.free)} left: {size(self.disk)} were expected "
                 f"for {self.measurements} measurements. What is done stays, the same call goes on with it"
             )
+
+
+def size(count: float) -> str:
+    """So many bytes, in a unit that suits.
+
+    >>> size(4e10), size(3e4)
+    ('40.0 GB', '30.0 kB')
+    """
+    unit, name = next((pair for pair in SIZES if count >= pair[0]), (1e3, "kB"))
+    return f"{count / unit:.1f} {name}"
 
 
 def free_bytes(out: Path) -> int:

@@ -1,38 +1,19 @@
-"""What all chunks of a run share, and what tells one run from another."""
+"""What all chunks of a run share."""
 
 from __future__ import annotations
 
 import hashlib
-import inspect
 import json
-import math
-import os
 from collections.abc import Iterator
-from contextlib import suppress
-from dataclasses import dataclass, fields, is_dataclass, replace
+from dataclasses import dataclass, replace
 from functools import cached_property
-from importlib.util import find_spec
-from pathlib import Path
 from typing import Any, NamedTuple
 
 import numpy as np
 
-from pnp_sci._validate import real_array
-from pnp_sci.camera.calibration import Calibration
-from pnp_sci.errors import InputError, InputTypeError
 from pnp_sci.fleet.source import Source
-from pnp_sci.formats.plain import as_json
-from pnp_sci.pipeline.provenance import digest, versions
-from pnp_sci.plugins.torch_module import is_torch_module
-from pnp_sci.sensing.operator import SensingOperator
 
-PLAIN = bool, int, float, type(None)
-ELSEWHERE = {  # options of solve that are not for many measurements: what serves instead
-    "callback": "a callback cannot be sent to other processes",
-    "reference": "compare with the truth afterwards, by pnp_sci.psnr",
-    "peak": "it belongs to reference, which cannot be given",
-    "mosaic": "its store has no colours; solve each measurement, or its planes, see pnp_sci.planes",
-}
+EACH = {"bad": 3, "init": 5}  # options of solve that may differ between measurements: their dimensions if they do
 
 
 class Chunk(NamedTuple):
@@ -81,8 +62,13 @@ class Job:
         return hashlib.sha256(json.dumps(self.settings, sort_keys=True).encode()).hexdigest()
 
     def for_workers(self) -> Job:
-        """The job without what only the client can read."""
-        return self if self.source.travels else replace(self, source=replace(self.source, read=None))
+        """The job without what the client sends with each chunk: what only it can read, and `own` options."""
+        source = self.source if self.source.travels else replace(self.source, read=None)
+        return replace(self, source=source, options={k: v for k, v in self.options.items() if not _of_each(k, v)})
+
+    def own(self, part: Chunk) -> dict[str, Any]:
+        """The options that are given for each measurement, of a part of them."""
+        return part_of({k: v for k, v in self.options.items() if _of_each(k, v)}, slice(*part))
 
     @property
     def size(self) -> int:
@@ -103,94 +89,14 @@ class Job:
         return Chunk(max(chunk.start - beside, 0), min(chunk.stop + beside, self.source.count))
 
 
-def settings_of(
-    source: Source,
-    masks: np.ndarray,
-    sequence: int | None,
-    options: dict[str, Any],
-    calibration: Calibration | None = None,
-) -> dict[str, Any]:
-    """All that determines the result but the values of the measurements; the number of threads does not."""
-    used = "dark", "bad", "crop", "full_scale"
-    raw = {f"calibration {name}": plain(name, getattr(calibration, name)) for name in used * (calibration is not None)}
-    return raw | {
-        "measurements": source.count,
-        "size": list(masks.shape),
-        "dtype": str(np.dtype(np.float64 if source.dtype == np.float64 else np.float32)),
-        "masks": digest(masks),
-        "sequence": sequence,
-        "options": {name: plain(name, options[name]) for name in sorted(options) if name != "threads"},
-        "versions": dict(versions(find_spec("torch") is not None)),
-    }
+def part_of(options: dict[str, Any], where: int | slice) -> dict[str, Any]:
+    """Options for some of the measurements: what is given for each of them is cut.
 
-
-def check_options(options: dict[str, Any]) -> None:
-    """Raise an InputError for an option of solve that makes no sense for many measurements."""
-    for name, instead in ELSEWHERE.items():
-        if options.get(name) is not None:
-            raise InputError(f"{name} was given, which reconstruct does not take: {instead}")
-
-
-def plain(name: str, value: Any) -> Any:
-    """A value as JSON can hold it, the same in each process: arrays, files and weights by their SHA-256.
-
-    >>> plain("prior", ("tv", 3))
-    ['tv', 3]
+    >>> part_of({"bad": np.zeros((5, 2, 2), bool), "tol": 0.0}, slice(1, 3))["bad"].shape
+    (2, 2, 2)
     """
-    if isinstance(value, np.generic):
-        value = value.item()
-    if isinstance(value, float) and not math.isfinite(value):
-        return str(value)
-    if isinstance(value, PLAIN):
-        return value
-    if isinstance(value, (str, Path)):
-        return f"{value}, SHA-256 {_of_file(Path(value))}" if os.path.isfile(value) else str(value)
-    if isinstance(value, (list, tuple)):
-        return [plain(name, item) for item in value]
-    if isinstance(value, dict):
-        return {str(key): plain(name, item) for key, item in value.items()}
-    if isinstance(value, SensingOperator):
-        value = value.masks
-    if hasattr(value, "__array__") and hasattr(value, "shape"):
-        array = real_array(name, value)
-        return [str(array.dtype), list(array.shape), digest(array)]
-    if is_torch_module(value):
-        return [_named(type(value)), _of_module(value)]
-    if is_dataclass(value) and not isinstance(value, type):
-        return [_named(type(value)), plain(name, {field.name: getattr(value, field.name) for field in fields(value)})]
-    if hasattr(value, "__qualname__") and _says_all(value):
-        return _named(value)
-    raise InputTypeError(
-        f"{name} is {value!r}: a name, a number, an array, a torch module, or a function that its name alone describes "
-        "was expected; give a dataclass instead"
-    )
+    return {name: value[where] if _of_each(name, value) else value for name, value in options.items()}
 
 
-def _named(thing: Any) -> str:
-    return f"{thing.__module__}.{thing.__qualname__}"
-
-
-def _says_all(thing: Any) -> bool:
-    """Whether the name of a function says what it does: it is no lambda, and bound to no values."""
-    return "<" not in thing.__qualname__ and not getattr(thing, "__closure__", None) and not inspect.ismethod(thing)
-
-
-def _of_file(path: Path) -> str:
-    whole = hashlib.sha256()
-    with path.open("rb") as file:
-        while part := file.read(2**20):
-            whole.update(part)
-    return whole.hexdigest()
-
-
-def _of_module(module: Any) -> str:
-    """SHA-256 of a torch module: its structure, weights, and all attributes of its parts that JSON can hold."""
-    said: list[Any] = [repr(module)]
-    for key, tensor in (*module.named_parameters(), *module.named_buffers()):
-        said.append([key, str(tensor.dtype), digest(tensor.detach().cpu().double().numpy())])
-    for key, part in module.named_modules():
-        for attribute, value in vars(part).items():
-            if not attribute.startswith("_"):
-                with suppress(TypeError, ValueError):
-                    said.append([key, attribute, as_json(value)])
-    return hashlib.sha256(as_json(said).encode()).hexdigest()
+def _of_each(name: str, value: Any) -> bool:
+    return getattr(value, "ndim", 0) == EACH.get(name, -1)

@@ -16,6 +16,7 @@ import numpy as np
 
 from pnp_sci.errors import FormatError
 from pnp_sci.formats.hdf5 import opened, others_of
+from pnp_sci.formats.npz import mapped
 from pnp_sci.formats.tiff import check_as_displayed, decoding
 from pnp_sci.formats.zarr import library
 
@@ -32,18 +33,20 @@ class Head(NamedTuple):
 
 
 def part(array: Any, start: int, stop: int) -> np.ndarray:
-    """Measurements `start` to `stop` - 1 of an array-like (N, H, W) or (H, W), as (n, H, W)."""
-    return np.asarray(array[start:stop]) if len(array.shape) == 3 else np.asarray(array[...])[None]
+    """Measurements `start` to `stop` - 1 of an array-like (N, H, W) or (H, W), as (n, H, W); masked if that is."""
+    read = np.asanyarray(array[start:stop] if len(array.shape) == 3 else array[...])
+    read = read if isinstance(read, np.ma.MaskedArray) else np.asarray(read)
+    return read if len(array.shape) == 3 else read[None]
 
 
 def npy(path: Path, key: str | None) -> tuple[Head, Reader]:
     """An NPY file, which is mapped into memory."""
-    array = np.load(path, mmap_mode="r", allow_pickle=False)
+    array = mapped(path)
     return Head(array.shape, array.dtype), partial(_of_npy, path)
 
 
 def _of_npy(path: Path, start: int, stop: int) -> np.ndarray:
-    return np.array(part(np.load(path, mmap_mode="r", allow_pickle=False), start, stop))
+    return np.array(part(mapped(path), start, stop))
 
 
 def of_memmap(source: Any) -> Path | None:
@@ -52,8 +55,8 @@ def of_memmap(source: Any) -> Path | None:
     if not isinstance(source, np.memmap) or source.mode == "c" or path.suffix != ".npy" or not path.is_file():
         return None
     try:
-        there = np.load(path, mmap_mode="r", allow_pickle=False)
-    except ValueError:  # it has no head: a file of another format
+        there = mapped(path)
+    except FormatError:  # it has no head: a file of another format
         return None
     same = all(getattr(source, name) == getattr(there, name) for name in ("offset", "shape", "strides", "dtype"))
     return path if same else None

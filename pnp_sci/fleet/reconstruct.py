@@ -10,17 +10,19 @@ from typing import Any
 
 import numpy as np
 
-from pnp_sci._validate import instance, whole
-from pnp_sci.api import solve
+from pnp_sci._validate import instance, real_array, shown, whole
 from pnp_sci.camera.calibration import Calibration
+from pnp_sci.errors import UnknownPluginError
 from pnp_sci.fleet import store
 from pnp_sci.fleet.estimate import Estimate, free_bytes
-from pnp_sci.fleet.job import Chunk, Job, check_options, settings_of
+from pnp_sci.fleet.job import EACH, Chunk, Job
+from pnp_sci.fleet.pictures import digest_of_all, read_each
 from pnp_sci.fleet.reconstruction import Reconstruction
+from pnp_sci.fleet.settings import check_options, settings_of, with_defaults
 from pnp_sci.fleet.source import Source, corrected, open_source
+from pnp_sci.formats.replacing import check_writable
 from pnp_sci.masks import as_masks
 from pnp_sci.pipeline.progress import bar
-from pnp_sci.pipeline.provenance import digest
 from pnp_sci.pipeline.request import check_request
 from pnp_sci.plugins import registry
 from pnp_sci.sensing.problem import check_bad, check_operator
@@ -48,8 +50,8 @@ def reconstruct(
     Parameters
     ----------
     source : path, sequence of paths, or array-like (N, H, W)
-        The measurements: a zarr array, HDF5, NPY, a TIFF stack, a folder or a list of files, or an array. Only what a
-        chunk needs is read.
+        The measurements: a zarr array, HDF5, NPY, a TIFF stack, a folder or a list of files, or an array, of which
+        masked values are bad pixels. Only what a chunk needs is read.
     masks : array_like, (V, B, H, W) or (B, H, W), SensingOperator, or Calibration
         As for :func:`pnp_sci.solve`. With a calibration the source holds raw pictures, which it corrects;
         tell what is saturated by ``noise=Sensor(full_scale=calibration.saturation)``.
@@ -68,7 +70,8 @@ def reconstruct(
     progress : bool
         Whether to show a progress bar.
     **options
-        For :func:`pnp_sci.solve`. `threads` are those of each process.
+        For :func:`pnp_sci.solve`. `threads` are those of each process. `bad` (N, H, W) and `init` (N, V, B, H, W) are
+        those of each measurement.
 
     Returns
     -------
@@ -78,7 +81,10 @@ def reconstruct(
     Raises
     ------
     InputError, InputTypeError, FormatError
-        If an argument cannot be used, `out` holds a result of other settings, or its disk lacks room.
+        If an argument cannot be used, `out` holds a result of other settings, another run is writing there, or its
+        disk lacks room.
+    OSError
+        If nothing more can be written to `out`.
     MissingExtraError
         If the extra "cluster" is not installed.
 
@@ -98,23 +104,27 @@ def reconstruct(
     opened, calibration = open_source(source, key), masks if isinstance(masks, Calibration) else None
     if calibration is not None:
         opened, masks = corrected(opened, calibration), calibration.masks
-    planes = as_masks(masks)
+    planes, path = as_masks(masks), Path(out).resolve()
+    options |= {name: real_array(name, options[name]) for name in EACH if isinstance(options.get(name), (list, tuple))}
     _check(opened, planes, preview, options)
-    settings, path = settings_of(opened, planes, sequence, options, calibration), Path(out).resolve()
-    if path.exists():
-        store.check_same(path, settings)
-        store.sweep(path)
-    else:
-        store.create(path, planes, settings, uncertainty=bool(options.get("uncertainty")))
-    settings = store.settings_in(path)  # equal, but perhaps not in the same words, such as 1 and 1.0
-    job = Job(opened, planes, options, sequence, preview, settings, str(path))
-    missing = _missing(job)
-    if len(missing):
-        most = min(workers, len(missing)) if client is None else workers
-        threads = max(1, cores() // most) if client is None else 1
-        job = replace(job, options={"threads": threads, **options})
-        with workers_of(client, job, most) as team:
-            _run(team, job, missing, progress)
+    settings = settings_of(opened, planes, sequence, options, calibration)
+    if not path.exists():
+        check_writable(path)
+    with store.only_run(path):
+        if path.exists():
+            store.check_same(path, settings)
+            store.sweep(path)
+        else:
+            store.create(path, planes, settings, uncertainty=bool(options.get("uncertainty")))
+        settings = store.settings_in(path)  # equal, but perhaps not in the same words, such as 1 and 1.0
+        job = Job(opened, planes, options, sequence, preview, settings, str(path))
+        missing = _missing(job)
+        if len(missing):
+            most = min(workers, len(missing)) if client is None else workers
+            threads = max(1, cores() // most) if client is None else 1
+            job = replace(job, options={"threads": threads, **options})
+            with workers_of(client, job, most) as team:
+                _run(team, job, missing, progress)
     return Reconstruction(path)
 
 
@@ -122,15 +132,24 @@ def _check(source: Source, masks: np.ndarray, preview: Any, options: dict[str, A
     """Raise the errors of the arguments that no measurement is needed for."""
     check_options(options)
     instance("preview", preview, str)
-    if preview is not None and preview not in registry.available("decoders"):
-        registry.load("priors", preview)
-    blank = np.zeros((1, *source.shape), np.float64 if source.dtype == np.float64 else np.float32)
-    check_bad(options.get("bad"), blank)
-    given = inspect.signature(solve).bind(blank, masks, **options)
-    given.apply_defaults()
+    if preview is not None:
+        _check_preview(preview)
+    bad, dtype = options.get("bad"), np.dtype(np.float64 if source.dtype == np.float64 else np.float32)
+    check_bad(
+        bad,
+        np.broadcast_to(dtype.type(0), (source.count if getattr(bad, "ndim", 0) == EACH["bad"] else 1, *source.shape)),
+    )
     known = inspect.signature(check_request).parameters
-    asked = {name: value for name, value in given.arguments.items() if name in known}
-    check_request(check_operator(masks, blank)[0], 1, **asked)
+    asked = {name: value for name, value in with_defaults(options).items() if name in known}
+    check_request(check_operator(masks, np.zeros((1, *source.shape), dtype))[0], source.count, **asked)
+
+
+def _check_preview(name: str) -> None:
+    """Raise an error if there is neither a decoder nor a prior of this name, or it cannot be loaded."""
+    known = {name: kind for kind in ("priors", "decoders") for name in registry.available(kind)}
+    if name not in known:
+        raise UnknownPluginError(f"preview is {shown(name)}: one of these was expected: {', '.join(sorted(known))}")
+    registry.load(known[name], name)
 
 
 def _missing(job: Job) -> np.ndarray:
@@ -146,10 +165,7 @@ def _done(job: Job, chunk: Chunk, preview: bool = False) -> bool:
             return False
         if (record["method"] == "solve") is preview:
             return False
-    try:
-        read = digest(job.source.read(*job.around(chunk, preview)))
-    except Exception:  # it is recorded when the chunk is in turn
-        return False
+    read = digest_of_all(read_each(job.source.read, *job.around(chunk, preview)))
     return all(record["read"] == read for record in records if record)
 
 

@@ -183,18 +183,21 @@ class _Files:
 
 
 def _joined(paths: list[Path], key: str | None) -> Source:
-    first = _of_path(paths[0], key)
-    _alone(paths[0], first, len(paths))
-    counts = [first.count]
-    for path in paths[1:]:
+    """All files one after the other; a damaged one counts as one measurement, which fails when its turn comes."""
+    first, counts, errors = None, [], []
+    for path in paths:
         try:
             one = _of_path(path, key)
-        except FormatError:  # a damaged file counts as one measurement, which fails when its turn comes
+        except FormatError as error:
+            errors.append(error)
             counts.append(1)
             continue
+        first = first or one
         _same_size(path, one, first.shape)
         _alone(path, one, len(paths))
         counts.append(one.count)
+    if first is None:
+        raise errors[0]
     ends = np.cumsum(counts)
     return Source(int(ends[-1]), first.shape, first.dtype, _Files(tuple(paths), ends, key, first.shape), True)
 
@@ -207,6 +210,4 @@ def _alone(path: Path, one: Source, files: int) -> None:
 
 def _same_size(path: Path, one: Source, shape: tuple[int, int]) -> None:
     if one.shape != shape:
-        raise InputError(
-            f"source: {path} has pictures of {one.shape}, but the first file of {shape}: the same was expected"
-        )
+        raise InputError(f"source: {path} has pictures of {one.shape}, but others have {shape}: the same was expected")

@@ -2,18 +2,22 @@
 
 from __future__ import annotations
 
+import errno
 import json
 import os
+from collections.abc import Iterator
+from contextlib import contextmanager
 from itertools import chain
 from pathlib import Path
 from typing import Any
 from uuid import uuid4
 
 import numpy as np
+from filelock import FileLock, Timeout
 
 from pnp_sci.errors import FormatError, InputError
 from pnp_sci.formats.plain import as_json, finite
-from pnp_sci.formats.replacing import check_writable, replacing
+from pnp_sci.formats.replacing import replacing
 from pnp_sci.formats.zarr import AXES, MARK, library, ome
 
 VIDEO, ERRORS, MASKS, RECORDS = "0", "uncertainty", "masks", "records"
@@ -25,7 +29,6 @@ def create(path: Path, masks: np.ndarray, settings: dict[str, Any], uncertainty:
 
     Frames of all measurements follow one another: OME-Zarr has one axis of time. A chunk is a measurement and view.
     """
-    check_writable(path)
     views, frames, rows, columns = masks.shape
     with replacing(path) as temporary:
         attributes = {"ome": ome(path.stem, VIDEO), MARK: {"format": FORMAT, "settings": settings}}
@@ -75,6 +78,34 @@ def _flat(settings: dict[str, Any]) -> dict[str, Any]:
     return {k: v for k, v in settings.items() if k not in nested} | {
         f"{name} {key}": value for name, group in nested.items() for key, value in group.items()
     }
+
+
+@contextmanager
+def only_run(path: Path) -> Iterator[None]:
+    """Context in which no other run may write to this folder, which need not exist. The lock ends with its process.
+
+    Raises
+    ------
+    InputError
+        If another run does.
+    """
+    try:
+        lock = FileLock(path.with_name(f".{path.name[:60]}.lock")).acquire(timeout=0)
+    except Timeout as error:
+        said = f"out is {path}, where another run is writing: another place was expected, or to wait for its end"
+        raise InputError(said) from error
+    with lock:
+        yield
+
+
+@contextmanager
+def writing(path: Path) -> Iterator[None]:
+    """Context in which an error of the disk names the result, and says how to go on."""
+    try:
+        yield
+    except OSError as error:
+        said = f"{error.strerror or error}; what is done stays, the same call goes on with it"
+        raise OSError(error.errno or errno.EIO, said, str(path)) from error
 
 
 def show_white(path: Path, white: float) -> None:

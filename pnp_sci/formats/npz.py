@@ -4,6 +4,8 @@ from __future__ import annotations
 
 import logging
 import zipfile
+from collections.abc import Iterator
+from contextlib import contextmanager
 from pathlib import Path
 from typing import IO
 
@@ -17,8 +19,23 @@ _log = logging.getLogger("pnp_sci")
 
 def load_npy(path: Path) -> np.ndarray:
     """The array of an NPY file."""
-    with path.open("rb") as file:
+    with path.open("rb") as file, _understood(path):
         return np.lib.format.read_array(file, allow_pickle=False)
+
+
+def mapped(path: Path) -> np.memmap:
+    """The array of an NPY file, of which only those parts are read that are looked at."""
+    with _understood(path):
+        return np.lib.format.open_memmap(path, mode="r")
+
+
+@contextmanager
+def _understood(path: Path) -> Iterator[None]:
+    """Context in which what numpy says of a file becomes a FormatError: its advice is to unpickle."""
+    try:
+        yield
+    except ValueError as error:
+        raise FormatError(f"{path} cannot be read, it may be damaged or hold Python objects") from error
 
 
 def load(path: Path) -> dict[str, np.ndarray]:

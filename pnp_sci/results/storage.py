@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import zipfile
 from collections.abc import Callable, Mapping
 from pathlib import Path
 from typing import Any
@@ -126,6 +127,8 @@ def _write_npz(path: Path, arrays: Arrays, texts: Texts) -> None:
 
 
 def _read_npz(path: Path) -> Mapping[str, Any]:
+    if not zipfile.is_zipfile(path):  # of anything else numpy advises to unpickle it
+        raise FormatError("it is no NPZ archive, or it is truncated")
     with path.open("rb") as stream, np.load(stream, allow_pickle=False) as file:
         needed = {name: file[name] for name in ("status", "settings", "history", "x")}  # videos last: others have them
         return needed | {name: file[name] for name in ("scenes", "scene", "uncertainty") if name in file}

@@ -35,7 +35,14 @@ def test_a_result_is_neither_replaced_nor_opened_as_one_video(client, tmp_path):
 
 @pytest.mark.parametrize(
     ("first", "then"),
-    [({}, {"bad": None}), ({"tol": 0}, {"tol": 0.0}), ({"noise": 1.0}, {"noise": 1}), ({"sigma": None}, {})],
+    [
+        ({}, {"bad": None}),
+        ({"tol": 0}, {"tol": 0.0}),
+        ({"noise": 1.0}, {"noise": 1}),
+        ({"sigma": None}, {}),
+        ({"algorithm": "gap", "seed": 0, "init": "auto"}, {}),
+        ({}, {"register": False, "progress": True}),
+    ],
 )
 def test_equal_options_in_other_words_are_the_same(client, tmp_path, first, then):
     y, masks = capture()
@@ -44,6 +51,27 @@ def test_equal_options_in_other_words_are_the_same(client, tmp_path, first, then
     before = times(out)
     assert pnp_sci.reconstruct(y, masks, out, client, **FAST, **then).ok
     assert times(out) == before
+
+
+def test_defaults_and_masks_of_another_dtype_are_the_same(client, tmp_path):
+    """And the videos are, to the last bit."""
+    y, masks = capture()
+    out = tmp_path / "v.zarr"
+    videos = pnp_sci.reconstruct(y, masks.astype(bool), out, client, iterations=3)
+    before = times(out)
+    for dtype in (np.float32, np.float64, np.uint8):
+        videos = pnp_sci.reconstruct(y, masks.astype(dtype), out, client, prior="tv", iterations=3)
+        np.testing.assert_array_equal(videos.video(1), pnp_sci.solve(y[1], masks.astype(dtype), **FAST).x)
+    assert times(out) == before
+
+
+def test_two_runs_do_not_write_to_one_folder(client, tmp_path):
+    y, masks = capture()
+    out = tmp_path / "v.zarr"
+    with store.only_run(out), pytest.raises(InputError, match=r"v\.zarr, where another run is writing"):
+        pnp_sci.reconstruct(y, masks, out, client, **FAST)
+    assert not out.exists()
+    assert pnp_sci.reconstruct(y, masks, out, client, **FAST).ok
 
 
 def test_masks_of_the_same_bytes_are_other_masks(client, tmp_path):

@@ -15,6 +15,7 @@ from small import FAST, capture, files
 
 import pnp_sci
 from pnp_sci.cli.main import main
+from pnp_sci.errors import InputError
 
 distributed = pytest.importorskip("distributed")
 pytest.importorskip("zarr")
@@ -87,6 +88,10 @@ def test_a_killed_command_goes_on_where_it_was(tmp_path, undisturbed):
     out, environment = tmp_path / "v.zarr", {**os.environ, "PYTHONPATH": str(Path(__file__).parents[2])}
     first = subprocess.Popen(command(folder, out), env=environment, stderr=subprocess.PIPE)
     until(lambda: done(out) >= 3)
+    with pytest.raises(InputError, match="another run is writing"):
+        pnp_sci.reconstruct(
+            folder / "y.npy", np.load(folder / "masks.npy"), out, iterations=SLOW["iterations"], inner=2
+        )
     first.send_signal(signal.SIGKILL)
     first.communicate()
     time.sleep(0.5)  # its worker ends with it

@@ -1,6 +1,7 @@
 """Fleets of measurements: what is written, what is done again, what stops and what does not."""
 
 import json
+import re
 import shutil
 import warnings
 from dataclasses import dataclass
@@ -124,12 +125,55 @@ def test_a_measurement_that_is_not_there_fails(client, tmp_path):
     assert np.isnan(videos.video(3)).all()
 
 
-def test_of_a_sequence_the_others_are_solved(client, tmp_path):
-    y, masks = capture()
-    y[2] = 0
-    videos = pnp_sci.reconstruct(y, masks, tmp_path / "v.zarr", client, sequence=4, **FAST)
-    assert [row["ok"] for row in videos.table()] == [True, True, False, True, True]
-    assert np.isnan(videos.video(2)).all()
+@pytest.mark.parametrize(
+    ("kind", "error"), [("0", "0 everywhere"), ("nan", r"NaN .* index \(3, 4\)"), ("file", "y1.npy cannot be read")]
+)
+def test_what_fails_ends_a_sequence(client, tmp_path, kind, error):
+    """The others of its group, and the groups beside, are solved without it; later they are solved with it."""
+    y, masks = capture(dtype=np.float32)
+    whole, source = y.copy(), y
+    if kind == "file":
+        source = [tmp_path / f"y{n}.npy" for n in range(5)]
+        for path, picture in zip(source, y):
+            np.save(path, picture)
+        source[1].write_bytes(b"damaged")
+    else:
+        y[1] = np.where(np.arange(576).reshape(24, 24) == 3 * 24 + 4, np.nan, y[1]) if kind == "nan" else 0
+    for size, chunks in ((4, [((0, 1), [0]), ((2, 5), [2, 3]), ((3, 5), [4])]), (1, [((0, 1), [0]), ((2, 4), [2])])):
+        out = tmp_path / f"{size}.zarr"
+        videos = pnp_sci.reconstruct(source, masks, out, client, sequence=size, **FAST)
+        assert [row["ok"] for row in videos.table()] == [True, False, True, True, True]
+        assert re.search(error, videos.record(1)["error"])
+        assert np.isnan(videos.video(1)).all()
+        for seen, kept in chunks:
+            together = pnp_sci.solve(whole[slice(*seen)], masks, sequence=True, **FAST)
+            for n in kept:
+                np.testing.assert_array_equal(videos.video(n), together.x[n - seen[0]])
+    videos = pnp_sci.reconstruct(whole, masks, tmp_path / "1.zarr", client, sequence=1, **FAST)
+    np.testing.assert_array_equal(videos.video(2), pnp_sci.solve(whole[1:4], masks, sequence=True, **FAST).x[1])
+
+
+def test_what_is_given_for_each_measurement(client, process, tmp_path):
+    """Bad pixels, masked values and first estimates: each measurement has its own."""
+    y, masks = capture(dtype=np.float32)
+    rng = np.random.default_rng(2)
+    bad, init = rng.random(y.shape) < 0.1, 50 * rng.random((5, *masks.shape), np.float32)
+    masked = np.ma.MaskedArray(y, bad)
+    videos = pnp_sci.reconstruct(masked, masks, tmp_path / "m.zarr", process, **FAST)
+    given = pnp_sci.reconstruct(y, masks, tmp_path / "b.zarr", process, bad=bad, init=init, **FAST)
+    together = pnp_sci.reconstruct(y, masks, tmp_path / "s.zarr", client, bad=bad, init=init, sequence=2, **FAST)
+    for n in range(5):
+        alone = pnp_sci.solve(y[n], masks, bad=bad[n], **FAST)
+        np.testing.assert_array_equal(videos.video(n), alone.x)
+        np.testing.assert_array_equal(given.video(n), pnp_sci.solve(y[n], masks, bad=bad[n], init=init[n], **FAST).x)
+    expected = pnp_sci.solve(y[1:5], masks, bad=bad[1:5], init=init[1:5], sequence=True, **FAST)
+    np.testing.assert_array_equal(together.video(2), expected.x[1])
+    masked[3, 5:9] = np.ma.masked
+    videos = pnp_sci.reconstruct(masked, masks, tmp_path / "m.zarr", client, **FAST)
+    np.testing.assert_array_equal(videos.video(3), pnp_sci.solve(masked[3], masks, **FAST).x)
+    for name, wrong in (("bad", bad[1:]), ("init", init[1:])):
+        with pytest.raises(InputError, match=rf"{name} has shape \(4, .*5"):
+            pnp_sci.reconstruct(y, masks, tmp_path / "w.zarr", client, **{name: wrong})
 
 
 def test_masks_among_the_measurements_are_none(tmp_path, monkeypatch):
@@ -172,7 +216,7 @@ def test_a_full_disk_is_noticed_after_the_first_chunk(client, tmp_path, monkeypa
     out = tmp_path / "v.zarr"
     with monkeypatch.context() as patch:
         patch.setattr(shutil, "disk_usage", lambda path: SimpleNamespace(free=1000))
-        with pytest.raises(InputError, match=r"out is .* 0\.00 GB left"):
+        with pytest.raises(InputError, match=r"out is .* 1\.0 kB left: \d+\.\d kB were"):
             pnp_sci.reconstruct(y, masks, out, client, **FAST)
     assert len(pnp_sci.Reconstruction(out).table()) == 1
     with caplog.at_level("INFO", "pnp_sci.fleet"):
@@ -237,7 +281,7 @@ def test_arguments_are_checked_before_any_work(client, tmp_path):
         (InputError, "reference", {"reference": y}),
         (InputError, "workers is 0", {"workers": 0}),
         (InputError, "no_such", {"prior": "no_such"}),
-        (InputError, "no_such", {"preview": "no_such"}),
+        (InputError, "preview is 'no_such': .*ofanet-fast.*wavelet", {"preview": "no_such"}),
         (InputError, "effort", {"effort": "great"}),
         (InputError, "bad has shape", {"bad": np.zeros((2, 2), bool)}),
         (InputError, "last two dimensions", {"masks": masks[..., 1:]}),

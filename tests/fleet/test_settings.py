@@ -10,7 +10,7 @@ from small import FAST, capture
 
 import pnp_sci
 from pnp_sci.errors import InputError, InputTypeError
-from pnp_sci.fleet.job import plain, settings_of
+from pnp_sci.fleet.settings import plain, settings_of
 from pnp_sci.fleet.source import open_source
 
 Y, MASKS = capture()

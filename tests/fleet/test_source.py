@@ -101,6 +101,15 @@ def test_any_part_of_any_source(made, tmp_path):
     assert source.travels == (made is not as_array)
 
 
+@pytest.mark.parametrize("shape", [Y.shape, Y.shape[1:]])
+def test_masked_values_stay_masked(shape):
+    array = np.ma.MaskedArray(
+        Y.ravel()[: np.prod(shape)].reshape(shape), np.arange(np.prod(shape)).reshape(shape) % 7 < 1
+    )
+    read = open_source(array).read(0, 1)
+    np.testing.assert_array_equal(read.mask, array.mask.reshape(-1, *shape[-2:])[:1])
+
+
 def test_one_picture_is_one_measurement(tmp_path):
     io.write(tmp_path / "one.png", Y[0])
     for source in (Y[0], tmp_path / "one.png"):
@@ -239,15 +248,28 @@ def test_only_what_is_asked_for_is_read():
     assert counting.read == 2
 
 
-def test_a_damaged_file_among_others_is_met_in_its_turn(tmp_path):
+@pytest.mark.parametrize(("place", "fails"), [(0, 0), (1, 2)])
+@pytest.mark.parametrize("name", ["damaged.png", "damaged.npy"])
+def test_a_damaged_file_among_others_is_met_in_its_turn(tmp_path, place, fails, name):
     files = as_files(tmp_path)
-    files[1] = tmp_path / "damaged.png"
-    files[1].write_bytes(b"no picture")
+    files[place] = tmp_path / name
+    files[place].write_bytes(b"no picture")
     source = open_source(files)
-    assert source.count == 4
+    assert (source.count, source.shape) == (4, Y.shape[1:])
     np.testing.assert_array_equal(source.read(3, 4), Y[4:])
     with pytest.raises(FormatError, match="damaged"):
-        source.read(2, 3)
+        source.read(fails, fails + 1)
+    with pytest.raises(FormatError, match="damaged"):
+        open_source([files[place]] * 2)
+
+
+def test_nobody_is_advised_to_unpickle(tmp_path):
+    np.save(tmp_path / "objects.npy", np.array([{}, None]))
+    (tmp_path / "text.npy").write_text("no array")
+    for name in ("objects.npy", "text.npy"):
+        for read in (open_source, io.read):
+            with pytest.raises(FormatError, match=f"{name} cannot be read, it may be damaged or hold Python objects$"):
+                read(tmp_path / name)
 
 
 def test_what_is_no_source_is_named(tmp_path):

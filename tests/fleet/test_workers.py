@@ -106,6 +106,44 @@ def test_nothing_stays_on_a_cluster_of_others(tmp_path, monkeypatch, fails, by_a
         assert theirs.status == "running"
 
 
+@pytest.mark.parametrize("name", ["put_videos", "put_record"])
+def test_a_disk_that_is_full_is_named_once(client, tmp_path, monkeypatch, caplog, name):
+    import errno
+
+    from pnp_sci.fleet import store
+
+    y, masks = capture()
+    put, out = getattr(store, name), tmp_path / "v.zarr"
+
+    def full(path, n, *others):
+        if n == 2:
+            raise OSError(errno.ENOSPC, "No space left on device")
+        put(path, n, *others)
+
+    with monkeypatch.context() as patch:
+        patch.setattr(store, name, full)
+        with pytest.raises(OSError, match=r"No space left on device; .* the same call goes on.*v\.zarr") as caught:
+            pnp_sci.reconstruct(y, masks, out, client, **FAST)
+    assert caught.value.errno == errno.ENOSPC
+    assert not [record for record in caplog.records if record.exc_info or "Compute Failed" in record.getMessage()]
+    assert pnp_sci.reconstruct(y, masks, out, client, **FAST).ok
+
+
+def test_each_process_warms_up_outside_the_time_budget(client, tmp_path, monkeypatch):
+    from pnp_sci.fleet import warm
+
+    y, masks = capture()
+    asked, solve = [], warm.solve
+
+    def watched(y, masks, **options):
+        asked.append((options["iterations"], options["time_budget"]))
+        return solve(y, masks, **options)
+
+    monkeypatch.setattr(warm, "solve", watched)
+    assert pnp_sci.reconstruct(y, masks, tmp_path / "v.zarr", client, **FAST, time_budget=100.0).ok
+    assert asked == [(1, None), (3, None)]
+
+
 def test_a_measurement_that_kills_its_workers_is_recorded(tmp_path, process):
     import dask
 
