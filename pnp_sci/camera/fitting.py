@@ -11,8 +11,9 @@ from pnp_sci.camera.fit import Finding, Fit
 from pnp_sci.camera.groups import hot_groups
 from pnp_sci.camera.lost_mask import lost_at_an_end, step_of
 from pnp_sci.camera.mask_frames import lost_frames, lost_views, repeated_frames, static_views
-from pnp_sci.camera.outliers import negative, outliers
+from pnp_sci.camera.outliers import lost_lines, negative, outliers
 from pnp_sci.camera.pile import pile
+from pnp_sci.camera.scattered import scattered_hot
 from pnp_sci.camera.stuck import stuck_lines
 from pnp_sci.camera.values import beyond, centred, loud, saturation, sign, stuck_at, unlike
 from pnp_sci.camera.verdict import judge_code, shift_of, told
@@ -123,13 +124,17 @@ class Masks:
         """Hot and dead pixels; where views differ in brightness, each weighs as it is bright."""
         below = np.zeros(y.shape, bool) if self.signed else negative(y, good)
         good = good & ~below
+        many = np.zeros(y.shape, bool) if self.signed else scattered_hot(y, self.weight, self.masks, good)
+        good = good & ~many
         hot, dead = outliers(y, self.weight, good)
         if len(self.sums) > 1 and not self.signed and (hot.any() or dead.any()):
             code = Code(self.sums, good & ~hot & ~dead)
             if code.present and code.tells_light:
                 levels = np.maximum(code.match(y * code.good).level.value, 0)
                 hot, dead = outliers(y, np.einsum("v,vhw->hw", levels.astype(np.float32), self.sums), good)
-        return hot, dead | below
+        for axis, lines in lost_lines(y, self.weight, good, dead):
+            dead[(slice(None),) * axis + (lines,)] = True
+        return hot | many, (dead & good) | below
 
     def _of_values(
         self, y: np.ndarray, scaled: np.ndarray, pixels: Pixels, sensor: Sensor, warn_of_bad: bool

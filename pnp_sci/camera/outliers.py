@@ -63,17 +63,28 @@ def _beyond(y: np.ndarray, weight: np.ndarray, usable: np.ndarray, sign: int) ->
     count = tail_size(y.size)
     if usable.sum() < 4 * count:
         return beyond
-    seen = usable & (weight > 0)
-    floor, reach = _floor(y[seen if seen.any() else usable]), _reach(seen)
-    rows, columns = _standing_out(y, weight, usable, floor, sign, 2 * count)
-    mean = np.where(seen, sign * y / np.where(seen, weight, 1), -np.inf)
-    around = np.partition(_neighbours(mean, rows, columns, reach), -2, 0)[-2]
-    theirs = np.where(np.isfinite(around), sign * around, 0) * weight[rows, columns]
-    ratio = np.maximum(y[rows, columns] + floor, 0) / np.maximum(theirs + floor, 1e-6 * floor)
+    rows, columns, ratio, reach = most_unlike(y, weight, usable, 2 * count, sign)
     out = np.log(np.maximum(ratio, 1e-6)) if sign > 0 else 1 - ratio
     chosen = out > max(beyond_tail(out, count), np.log(LEAST * reach / 2))
     beyond[rows[chosen], columns[chosen]] = True
     return beyond
+
+
+def most_unlike(
+    y: np.ndarray, weight: np.ndarray, usable: np.ndarray, count: int, sign: int = 1, beside: np.ndarray | None = None
+) -> tuple[np.ndarray, np.ndarray, np.ndarray, int]:
+    """The usable pixels that stand out most: rows, columns, and their ratios to what neighbours allow, each (count,).
+
+    The last is how many pixels away these neighbours are, which are the usable pixels or those `beside` them. With sign
+    -1, the pixels are the darkest ones.
+    """
+    seen = (usable if beside is None else beside) & (weight > 0)
+    floor, reach = _floor(y[seen if seen.any() else usable]), _reach(seen)
+    rows, columns = _standing_out(y, weight, usable, floor, sign, count)
+    mean = np.where(seen, sign * y / np.where(seen, weight, 1), -np.inf)
+    around = np.partition(_neighbours(mean, rows, columns, reach), -2, 0)[-2]
+    theirs = np.where(np.isfinite(around), sign * around, 0) * weight[rows, columns]
+    return rows, columns, np.maximum(y[rows, columns] + floor, 0) / np.maximum(theirs + floor, 1e-6 * floor), reach
 
 
 def tail_size(pixels: int) -> int:
@@ -103,6 +114,18 @@ def _stuck(y: np.ndarray, weight: np.ndarray, usable: np.ndarray, value: float) 
     dark = others & (size <= np.quantile(size[others], TAIL / 2))
     found = stuck & (light > light[dark].max() * _reach(usable) / 2)
     return stuck if value < 0 and 2 * found.sum() > stuck.sum() else found
+
+
+def lost_lines(y: np.ndarray, weight: np.ndarray, usable: np.ndarray, dead: np.ndarray) -> list[tuple[int, slice]]:
+    """Axis (0 for rows) and range of the lines of y (H, W) that are exactly 0 throughout; some of each are `dead`."""
+    lost = []
+    for axis in (0, 1):
+        lit = usable & (weight > 0)
+        zero = lit.any(1 - axis) & ~(lit & (y != 0)).any(1 - axis)
+        edges = np.flatnonzero(np.diff(np.pad(zero, 1).astype(np.int8)))
+        ranges = [slice(int(first), int(end)) for first, end in edges.reshape(-1, 2)]
+        lost += [(axis, lines) for lines in ranges if (dead if axis == 0 else dead.T)[lines].any()]
+    return lost
 
 
 def expected(y: np.ndarray, weight: np.ndarray, usable: np.ndarray) -> np.ndarray:

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from pnp_sci.camera.fit import Finding
-from pnp_sci.camera.outliers import expected
+from pnp_sci.camera.outliers import expected, lost_lines
 from pnp_sci.camera.rise import rise
 from pnp_sci.camera.verdict import HALF
 from pnp_sci.sensing.operator import BY_NOISE
@@ -22,6 +22,7 @@ CENTRED = 0.1  # of the pixels: of masks about 0, more have a negative sum
 SIGNED = {"uint8": 2**7, "uint16": 2**15}  # values from which on unsigned data are negative if they are read as signed
 REACHED = 0.97  # of the largest signed value: unsigned data above it reach that
 WRAPPED = 0.9  # of the largest unsigned value: what has wrapped below 0 is above that
+LINES = 5  # side by side that are 0: fewer are defects of a sensor
 OFTEN = 0.01  # of the pixels: hot ones are fewer
 
 LEAVE = 'bad="auto" leaves them out, or bad= a picture of the bad pixels'
@@ -41,8 +42,16 @@ def unlike(y, weight, hot, dead, good) -> list[Finding]:
         if float(np.sum(np.square(excess), where=where)) > limits[kind] * light:
             count = int(where.sum())
             text = f"{count} pixel{'s are' if count > 1 else ' is'} {how} than masks and neighbours allow"
-            found.append(Finding(kind, text, hints[kind]))
+            lines = lost_lines(y, weight, good, dead) if kind == "dead" else []
+            lost = ", ".join(f"y[{':, ' * axis}{r.start}:{r.stop}]" for axis, r in lines if r.stop - r.start >= LINES)
+            found.append(_lost(lost) if lost else Finding(kind, text, hints[kind]))
     return found
+
+
+def _lost(where: str) -> Finding:
+    """The finding of whole rows or columns of y that are 0."""
+    hint = f"the readout or the file is incomplete, unless the scene is black there; {LEAVE}"
+    return Finding("dead", f"{where} is 0 in all pixels", hint)
 
 
 def _limit_of_hot(excess: np.ndarray, weight: np.ndarray) -> float:
