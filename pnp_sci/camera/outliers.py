@@ -50,11 +50,16 @@ def outliers(y: np.ndarray, weight: np.ndarray, good: np.ndarray | None = None) 
 
 def negative(y: np.ndarray, usable: np.ndarray) -> np.ndarray:
     """Usable pixels of y (H, W) that are more negative than noise about 0 allows, if they are few."""
-    steps = [np.abs(np.diff(y, axis=a))[np.delete(usable, 0, a) & np.delete(usable, -1, a)] for a in (0, 1)]
-    spread = max((float(np.median(step)) for step in steps if step.size), default=0.0)
+    spread = typical_step(y, usable)
     light = np.median(np.abs(y[usable])) if usable.any() else 0.0
     below = usable & (y < -(light + UNLIKELY * spread))
     return below & (below.sum() < FEW * usable.sum())
+
+
+def typical_step(y: np.ndarray, usable: np.ndarray) -> float:
+    """The median step from pixel to pixel of y (H, W), along rows or columns, whichever is larger."""
+    steps = [np.abs(np.diff(y, axis=a))[np.delete(usable, 0, a) & np.delete(usable, -1, a)] for a in (0, 1)]
+    return max((float(np.median(step)) for step in steps if step.size), default=0.0)
 
 
 def _beyond(y: np.ndarray, weight: np.ndarray, usable: np.ndarray, sign: int) -> np.ndarray:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from pnp_sci.camera.outliers import FEW, LEAST, PASSES, expected, most_unlike, tail_size
+from pnp_sci.camera.outliers import FEW, LEAST, PASSES, UNLIKELY, expected, most_unlike, tail_size, typical_step
 from pnp_sci.camera.rise import rise
 from pnp_sci.camera.verdict import HALF, SURELY
 
@@ -44,9 +44,11 @@ def scattered_hot(y: np.ndarray, weight: np.ndarray, masks: np.ndarray, usable: 
             return none
         if not chosen.any():
             break
-    slope, error = rise((y - expected(y, weight, usable & ~hot))[hot], weight[hot])
+    excess = (y - expected(y, weight, usable & ~hot))[hot]
+    of_noise = np.median(excess) < UNLIKELY * typical_step(y, usable & ~hot)
+    slope, error = rise(excess, weight[hot])
     of_light = slope + error > HALF or _touch(hot, usable) or _follow(masks, weight, hot, usable)
-    return none if of_light else hot
+    return none if of_noise or of_light else hot
 
 
 def _touch(hot: np.ndarray, usable: np.ndarray) -> bool:
