@@ -104,7 +104,7 @@ def _registration(given: np.ndarray, found: Refined, before: float) -> Registrat
     after = found.model.fit(kept)
     level, error = black_level(found.model, after) if fits else (0.0, float("inf"))
     if not fits:
-        _log.warning("register: no transform makes the masks fit y; they are left as they are")
+        _log.warning("register: no shift, rotation or scale makes the masks fit y; they are left as they are")
     return Registration(
         given=given,
         transforms=tuple(kept),
