@@ -111,7 +111,7 @@ def true_or_false(name: str, value: Any) -> None:
 
 def whole(name: str, value: Any, least: int, most: float = math.inf) -> int:
     """`value` as an int."""
-    if not isinstance(value, Integral) or value < least or value > most:
+    if not isinstance(value, Integral) or value < least or int(value) > most:
         expected = f">= {least}" if most == math.inf else f"from {least} to {most}"
         raise InputError(f"{name} is {shown(value)}: a whole number {expected} was expected")
     return int(value)
