@@ -11,6 +11,7 @@ FEWEST = 50  # pixels in the tail, at least
 PASSES = 4
 LEAST = 1.5  # ratio to neighbours within two pixels, more for others: smaller ones harm no more than texture does
 UNLIKELY = 6.0  # median steps from pixel to pixel, about as many standard deviations: noise makes none as dark
+LINES = 5  # side by side that are 0: in fewer, single pixels are looked at
 FEW = 0.1  # of the pixels: more that are negative are no outliers
 BY_CHANCE = 0.01  # good pixels of a picture that are taken for outliers, on average
 
@@ -122,14 +123,15 @@ def _stuck(y: np.ndarray, weight: np.ndarray, usable: np.ndarray, value: float) 
 
 
 def lost_lines(y: np.ndarray, weight: np.ndarray, usable: np.ndarray, dead: np.ndarray) -> list[tuple[int, slice]]:
-    """Axis (0 for rows) and range of the lines of y (H, W) that are exactly 0 throughout; some of each are `dead`."""
+    """Axis (0 for rows) and range of five or more lines of y (H, W) that are exactly 0; some of each are `dead`."""
     lost = []
     for axis in (0, 1):
         lit = usable & (weight > 0)
         zero = lit.any(1 - axis) & ~(lit & (y != 0)).any(1 - axis)
         edges = np.flatnonzero(np.diff(np.pad(zero, 1).astype(np.int8)))
         ranges = [slice(int(first), int(end)) for first, end in edges.reshape(-1, 2)]
-        lost += [(axis, lines) for lines in ranges if (dead if axis == 0 else dead.T)[lines].any()]
+        some = (dead if axis == 0 else dead.T).any(1)
+        lost += [(axis, r) for r in ranges if r.stop - r.start >= LINES and some[r].any()]
     return lost
 
 

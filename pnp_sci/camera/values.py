@@ -22,7 +22,6 @@ CENTRED = 0.1  # of the pixels: of masks about 0, more have a negative sum
 SIGNED = {"uint8": 2**7, "uint16": 2**15}  # values from which on unsigned data are negative if they are read as signed
 REACHED = 0.97  # of the largest signed value: unsigned data above it reach that
 WRAPPED = 0.9  # of the largest unsigned value: what has wrapped below 0 is above that
-LINES = 5  # side by side that are 0: fewer are defects of a sensor
 OFTEN = 0.01  # of the pixels: hot ones are fewer
 
 LEAVE = 'bad="auto" leaves them out, or bad= a picture of the bad pixels'
@@ -43,7 +42,7 @@ def unlike(y, weight, hot, dead, good) -> list[Finding]:
             count = int(where.sum())
             text = f"{count} pixel{'s are' if count > 1 else ' is'} {how} than masks and neighbours allow"
             lines = lost_lines(y, weight, good, dead) if kind == "dead" else []
-            lost = ", ".join(f"y[{':, ' * axis}{r.start}:{r.stop}]" for axis, r in lines if r.stop - r.start >= LINES)
+            lost = ", ".join(f"y[{':, ' * axis}{r.start}:{r.stop}]" for axis, r in lines)
             found.append(_lost(lost) if lost else Finding(kind, text, hints[kind]))
     return found
 
