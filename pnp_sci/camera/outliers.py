@@ -130,8 +130,8 @@ def lost_lines(y: np.ndarray, weight: np.ndarray, usable: np.ndarray, dead: np.n
         zero = lit.any(1 - axis) & ~(lit & (y != 0)).any(1 - axis)
         edges = np.flatnonzero(np.diff(np.pad(zero, 1).astype(np.int8)))
         ranges = [slice(int(first), int(end)) for first, end in edges.reshape(-1, 2)]
-        some = (dead if axis == 0 else dead.T).any(1)
-        lost += [(axis, r) for r in ranges if r.stop - r.start >= LINES and some[r].any()]
+        lines = dead if axis == 0 else dead.T
+        lost += [(axis, r) for r in ranges if r.stop - r.start >= LINES and lines[r].any()]
     return lost
 
 
