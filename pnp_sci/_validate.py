@@ -109,11 +109,20 @@ def true_or_false(name: str, value: Any) -> None:
         raise InputError(f"{name} is {shown(value)}: True or False was expected")
 
 
-def whole(name: str, value: Any, least: int) -> int:
+def whole(name: str, value: Any, least: int, most: float = math.inf) -> int:
     """`value` as an int."""
-    if not isinstance(value, Integral) or value < least:
-        raise InputError(f"{name} is {shown(value)}: a whole number >= {least} was expected")
+    if not isinstance(value, Integral) or value < least or int(value) > most:
+        expected = f">= {least}" if most == math.inf else f"from {least} to {most}"
+        raise InputError(f"{name} is {shown(value)}: a whole number {expected} was expected")
     return int(value)
+
+
+def elements(value: Any) -> tuple | None:
+    """What `value` holds; None if it cannot be iterated over, as an array without dimensions."""
+    try:
+        return tuple(value)
+    except TypeError:
+        return None
 
 
 def one_of(name: str, value: Any, names: Iterable[str], or_else: str = "") -> None:

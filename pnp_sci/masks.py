@@ -2,13 +2,12 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable
 from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
 
-from pnp_sci._validate import finite_number, real_array, shown, whole
+from pnp_sci._validate import elements, finite_number, real_array, shown, whole
 from pnp_sci.errors import InputError
 from pnp_sci.sensing.operator import are_signed, as_masks
 
@@ -262,7 +261,7 @@ def _largest_off_diagonal(matrix: np.ndarray) -> float:
 
 
 def _checked(shape: Any, density: Any, seed: Any) -> tuple[int, ...]:
-    sizes = tuple(shape) if isinstance(shape, Iterable) else ()
+    sizes = elements(shape) or ()
     if len(sizes) != 4 or not all(isinstance(n, int | np.integer) and n >= 1 for n in sizes):
         raise InputError(f"shape is {shown(shape)}: (views, frames, rows, columns) was expected, whole numbers >= 1")
     if finite_number("density", density, "a number in [0, 1]") > 1:

@@ -94,10 +94,12 @@ def _per_view(score: Callable[[np.ndarray, np.ndarray], float], x: Any, referenc
             f"x has shape {x.shape} and reference {reference.shape}: the same was expected, (V, B, H, W), (B, H, W), "
             "(H, W), or (V, B, H, W, 3)"
         )
+    low, high = reference.min(), reference.max()
     if (peak := _white(x, reference) if peak is None else positive_number("peak", peak)) != 1:
-        x, reference = x / peak, reference / peak
+        with np.errstate(all="ignore"):  # what is not finite is no reference
+            x, reference = x / peak, reference / peak
     if not (reference.min() >= -1e-6 and reference.max() <= 1 + 1e-6):
-        spans = f"{reference.min() * peak:g} to {reference.max() * peak:g}"
+        spans = f"{low:g} to {high:g}"
         raise InputError(f"reference spans {spans}: values in [0, {peak:g}] were expected; peak= says what is white")
     if np.mean(x > OTHER_UNITS) > 0.5:
         told = f"more than half of x is above {OTHER_UNITS * peak:g} where white is {peak:g}, to which it is clipped"

@@ -140,8 +140,9 @@ def test_input_types(scene, dtype):
         np.testing.assert_allclose(result.x, expected, atol=1e-3 * expected.max())
 
 
-@pytest.mark.parametrize("prior", ["tv", "wavelet"])
-@pytest.mark.parametrize("sigma", [0.0, 1e-30, 1e6, 1e30])
+@pytest.mark.parametrize("prior", ["tv", "wavelet", "video"])
+@pytest.mark.parametrize("sigma", [0.0, 5e-324, 1e-30, 1e6, 1e30])
+@pytest.mark.filterwarnings("error::RuntimeWarning")
 def test_sigma(scene, prior, sigma):
     usable(solve(scene.y, scene.masks, prior, sigma=sigma, iterations=10), scene.masks.shape)
 

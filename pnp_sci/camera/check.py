@@ -8,6 +8,7 @@ from typing import Any
 
 import numpy as np
 
+from pnp_sci._validate import true_or_false
 from pnp_sci.camera.fit import Finding, Fit
 from pnp_sci.camera.fitting import Masks
 from pnp_sci.camera.frame_order import frame_order as order_of_frames
@@ -59,6 +60,7 @@ def check_fit(y: Any, masks: Any, *, noise: Any = "auto", bad: Any = None, frame
     >>> print(pnp_sci.check_fit(scene.y, scene.masks[:, :, ::-1]).warnings[0])
     y does not follow the masks, but it follows them upside down: give the masks so
     """
+    true_or_false("frame_order", frame_order)
     bad = check_bad(bad, y)
     measurements = check_measurement(y, bad)
     ops, _ = check_operators(masks, measurements)

@@ -16,7 +16,8 @@ class Finding:
     ----------
     kind : str
         "shift", "arrangement", "inverted", "no code", "black level", "sharpness", "contrast", "saturation", "sign",
-        "noise", "hot", "dead", "stuck", "missing", "empty", "static", "views", "repeated" or "frame order".
+        "noise", "hot", "dead", "stuck", "coarse", "missing", "empty", "static", "views", "repeated"
+        or "frame order".
     text : str
         What is seen.
     hint : str

@@ -7,12 +7,14 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from pnp_sci.camera.code import Code
+from pnp_sci.camera.few_values import coarse, has_few_values
 from pnp_sci.camera.fit import Finding, Fit
 from pnp_sci.camera.groups import hot_groups
 from pnp_sci.camera.lost_mask import lost_at_an_end, step_of
 from pnp_sci.camera.mask_frames import lost_frames, lost_views, repeated_frames, static_views
-from pnp_sci.camera.outliers import negative, outliers
+from pnp_sci.camera.outliers import lost_lines, negative, outliers
 from pnp_sci.camera.pile import pile
+from pnp_sci.camera.scattered import scattered_hot
 from pnp_sci.camera.stuck import stuck_lines
 from pnp_sci.camera.values import beyond, centred, loud, saturation, sign, stuck_at, unlike
 from pnp_sci.camera.verdict import judge_code, shift_of, told
@@ -20,7 +22,7 @@ from pnp_sci.sensing.operator import SensingOperator
 from pnp_sci.sensing.sensor import Sensor
 
 OTHERS = {"arrangement", "inverted", "no code"}  # findings of masks that are not those of the measurement
-LEVELS = {"black level", "contrast", "sharpness"}  # findings that saturation also causes
+LEVELS = {"black level", "contrast", "sharpness"}  # findings that saturation and few values also cause
 
 
 @dataclass(frozen=True)
@@ -104,6 +106,9 @@ class Masks:
 
     def _pixels(self, y: np.ndarray, height: float, good: np.ndarray, saturated: np.ndarray | None) -> Pixels:
         """The pixels of y (H, W), in units of its `height`; hot groups are told from a pile, and may be in its way."""
+        if has_few_values(y[good], self.weight[good]):
+            nothing = np.zeros(y.shape, bool)
+            return Pixels(good, nothing, nothing, nothing if saturated is None else saturated, saturated, None)
         hot, dead = self._outliers(y, good)
         pixels = self._with_pile(y, height, good, hot, dead, saturated)
         if self.signed:
@@ -123,13 +128,17 @@ class Masks:
         """Hot and dead pixels; where views differ in brightness, each weighs as it is bright."""
         below = np.zeros(y.shape, bool) if self.signed else negative(y, good)
         good = good & ~below
+        many = np.zeros(y.shape, bool) if self.signed else scattered_hot(y, self.weight, self.masks, good)
+        good = good & ~many
         hot, dead = outliers(y, self.weight, good)
         if len(self.sums) > 1 and not self.signed and (hot.any() or dead.any()):
             code = Code(self.sums, good & ~hot & ~dead)
             if code.present and code.tells_light:
                 levels = np.maximum(code.match(y * code.good).level.value, 0)
                 hot, dead = outliers(y, np.einsum("v,vhw->hw", levels.astype(np.float32), self.sums), good)
-        return hot, dead | below
+        for axis, lines in lost_lines(y, self.weight, good, dead):
+            dead[(slice(None),) * axis + (lines,)] = True
+        return hot | many, (dead & good) | below
 
     def _of_values(
         self, y: np.ndarray, scaled: np.ndarray, pixels: Pixels, sensor: Sensor, warn_of_bad: bool
@@ -138,6 +147,8 @@ class Masks:
         left = pixels.left
         clear = left & ~pixels.clipped
         found = unlike(scaled, self.weight, pixels.hot, pixels.dead, pixels.good) if warn_of_bad else []
+        if has_few_values(y[left], self.weight[left]):
+            found += coarse(y[left], sensor)
         found += [*beyond(float(y[left].max(initial=0)), sensor), *loud(y[clear], sensor)]
         if all(step is not None for step in self.steps):
             found += lost_at_an_end(self.masks, self.steps, scaled, clear)
@@ -157,9 +168,9 @@ class Masks:
         match = code.match(y)
         shift = shift_of(code, y, match, self.mirrored)
         found = judge_code(code, y, match, shift, self.mirrored)
-        if (clipped & (code.used > 0)).any():
-            found = [f for f in found if f.kind not in LEVELS]
         findings = fit.findings
+        if (clipped & (code.used > 0)).any() or any(f.kind == "coarse" for f in findings):
+            found = [f for f in found if f.kind not in LEVELS]
         if any(f.kind in OTHERS for f in found):  # what such masks allow says nothing of single pixels
             findings = [f for f in findings if f.kind not in ("hot", "dead")]
         black = any(f.kind == "black level" for f in found)
@@ -171,7 +182,7 @@ class Masks:
             share=match.share,
             findings=(*findings, *found),
             unknown="" if found or (code.tells_light and told(match)) else _hidden(code),
-            shift=shift,
+            shift=None if any(f.kind == "arrangement" for f in found) else shift,
             black_level=(1 - match.follows) * height * float(y[good].mean()) if black else None,
         )
 

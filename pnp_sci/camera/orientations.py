@@ -24,6 +24,17 @@ ARRANGEMENTS: dict[str, Callable[[np.ndarray], np.ndarray]] = {
 }
 
 
+def in_pairs(sums: np.ndarray, axis: int) -> np.ndarray:
+    """Sums of masks (V, H, W) with lines along an axis swapped in pairs, as by a wrong order of two fields.
+
+    Their number must be even.
+
+    >>> in_pairs(np.arange(4).reshape(1, 4, 1), 1).ravel().tolist()
+    [1, 0, 3, 2]
+    """
+    return np.take(sums, np.arange(sums.shape[axis]) ^ 1, axis)
+
+
 @dataclass(frozen=True)
 class Arrangement:
     """How the masks must be arranged to fit: the name, then a shift in pixels, and whether 1 - masks fit instead."""

@@ -11,6 +11,7 @@ FEWEST = 50  # pixels in the tail, at least
 PASSES = 4
 LEAST = 1.5  # ratio to neighbours within two pixels, more for others: smaller ones harm no more than texture does
 UNLIKELY = 6.0  # median steps from pixel to pixel, about as many standard deviations: noise makes none as dark
+LINES = 5  # side by side that are 0: in fewer, single pixels are looked at
 FEW = 0.1  # of the pixels: more that are negative are no outliers
 BY_CHANCE = 0.01  # good pixels of a picture that are taken for outliers, on average
 
@@ -50,11 +51,16 @@ def outliers(y: np.ndarray, weight: np.ndarray, good: np.ndarray | None = None) 
 
 def negative(y: np.ndarray, usable: np.ndarray) -> np.ndarray:
     """Usable pixels of y (H, W) that are more negative than noise about 0 allows, if they are few."""
-    steps = [np.abs(np.diff(y, axis=a))[np.delete(usable, 0, a) & np.delete(usable, -1, a)] for a in (0, 1)]
-    spread = max((float(np.median(step)) for step in steps if step.size), default=0.0)
+    spread = typical_step(y, usable)
     light = np.median(np.abs(y[usable])) if usable.any() else 0.0
     below = usable & (y < -(light + UNLIKELY * spread))
     return below & (below.sum() < FEW * usable.sum())
+
+
+def typical_step(y: np.ndarray, usable: np.ndarray) -> float:
+    """The median step from pixel to pixel of y (H, W), along rows or columns, whichever is larger."""
+    steps = [np.abs(np.diff(y, axis=a))[np.delete(usable, 0, a) & np.delete(usable, -1, a)] for a in (0, 1)]
+    return max((float(np.median(step)) for step in steps if step.size), default=0.0)
 
 
 def _beyond(y: np.ndarray, weight: np.ndarray, usable: np.ndarray, sign: int) -> np.ndarray:
@@ -63,17 +69,28 @@ def _beyond(y: np.ndarray, weight: np.ndarray, usable: np.ndarray, sign: int) ->
     count = tail_size(y.size)
     if usable.sum() < 4 * count:
         return beyond
-    seen = usable & (weight > 0)
-    floor, reach = _floor(y[seen if seen.any() else usable]), _reach(seen)
-    rows, columns = _standing_out(y, weight, usable, floor, sign, 2 * count)
-    mean = np.where(seen, sign * y / np.where(seen, weight, 1), -np.inf)
-    around = np.partition(_neighbours(mean, rows, columns, reach), -2, 0)[-2]
-    theirs = np.where(np.isfinite(around), sign * around, 0) * weight[rows, columns]
-    ratio = np.maximum(y[rows, columns] + floor, 0) / np.maximum(theirs + floor, 1e-6 * floor)
+    rows, columns, ratio, reach = most_unlike(y, weight, usable, 2 * count, sign)
     out = np.log(np.maximum(ratio, 1e-6)) if sign > 0 else 1 - ratio
     chosen = out > max(beyond_tail(out, count), np.log(LEAST * reach / 2))
     beyond[rows[chosen], columns[chosen]] = True
     return beyond
+
+
+def most_unlike(
+    y: np.ndarray, weight: np.ndarray, usable: np.ndarray, count: int, sign: int = 1, beside: np.ndarray | None = None
+) -> tuple[np.ndarray, np.ndarray, np.ndarray, int]:
+    """The usable pixels that stand out most: rows, columns, and their ratios to what neighbours allow, each (count,).
+
+    The last is how many pixels away these neighbours are, which are the usable pixels or those `beside` them. With sign
+    -1, the pixels are the darkest ones.
+    """
+    seen = (usable if beside is None else beside) & (weight > 0)
+    floor, reach = _floor(y[seen if seen.any() else usable]), _reach(seen)
+    rows, columns = _standing_out(y, weight, usable, floor, sign, count)
+    mean = np.where(seen, sign * y / np.where(seen, weight, 1), -np.inf)
+    around = np.partition(_neighbours(mean, rows, columns, reach), -2, 0)[-2]
+    theirs = np.where(np.isfinite(around), sign * around, 0) * weight[rows, columns]
+    return rows, columns, np.maximum(y[rows, columns] + floor, 0) / np.maximum(theirs + floor, 1e-6 * floor), reach
 
 
 def tail_size(pixels: int) -> int:
@@ -103,6 +120,19 @@ def _stuck(y: np.ndarray, weight: np.ndarray, usable: np.ndarray, value: float) 
     dark = others & (size <= np.quantile(size[others], TAIL / 2))
     found = stuck & (light > light[dark].max() * _reach(usable) / 2)
     return stuck if value < 0 and 2 * found.sum() > stuck.sum() else found
+
+
+def lost_lines(y: np.ndarray, weight: np.ndarray, usable: np.ndarray, dead: np.ndarray) -> list[tuple[int, slice]]:
+    """Axis (0 for rows) and range of five or more lines of y (H, W) that are exactly 0; some of each are `dead`."""
+    lost = []
+    for axis in (0, 1):
+        lit = usable & (weight > 0)
+        zero = lit.any(1 - axis) & ~(lit & (y != 0)).any(1 - axis)
+        edges = np.flatnonzero(np.diff(np.pad(zero, 1).astype(np.int8)))
+        ranges = [slice(int(first), int(end)) for first, end in edges.reshape(-1, 2)]
+        lines = dead if axis == 0 else dead.T
+        lost += [(axis, r) for r in ranges if r.stop - r.start >= LINES and lines[r].any()]
+    return lost
 
 
 def expected(y: np.ndarray, weight: np.ndarray, usable: np.ndarray) -> np.ndarray:

@@ -104,7 +104,7 @@ def _registration(given: np.ndarray, found: Refined, before: float) -> Registrat
     after = found.model.fit(kept)
     level, error = black_level(found.model, after) if fits else (0.0, float("inf"))
     if not fits:
-        _log.warning("register: no transform makes the masks fit y; they are left as they are")
+        _log.warning("register: no shift, rotation or scale makes the masks fit y; they are left as they are")
     return Registration(
         given=given,
         transforms=tuple(kept),
@@ -133,7 +133,7 @@ def _check(measurements: np.ndarray, masks: np.ndarray, each_view: Any, interpol
     if min(masks.shape[2:]) < LEAST * BLOCK:
         rows, columns = masks.shape[2:]
         raise InputError(f"masks has frames of {rows} x {columns}: {LEAST * BLOCK} pixels a side or more were expected")
-    if not (isinstance(each_view, bool) or each_view == "auto"):
+    if not (isinstance(each_view, bool) or (isinstance(each_view, str) and each_view == "auto")):
         raise InputError(f'each_view is {shown(each_view)}: True, False or "auto" was expected')
     one_of("interpolation", interpolation, ("auto", *ORDERS))
 

@@ -103,7 +103,8 @@ class Registration:
     def in_words(self) -> str:
         """What was found, in a line."""
         if not self.trusted:
-            return f"no transform makes the masks fit: they explain {self.after:.2f} of the fine detail of y"
+            explained = f"they explain {self.after:.2f} of the fine detail of y"
+            return f"no shift, rotation or scale makes the masks fit, others are not tried: {explained}"
         one = len(set(self.transforms)) == 1
         moves = [_in_words(t) for t in (self.transforms[:1] if one else self.transforms)]
         moved = "masks fit as they are" if self.identity else "masks moved by " + "; ".join(moves)

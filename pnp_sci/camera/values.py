@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from pnp_sci.camera.fit import Finding
-from pnp_sci.camera.outliers import expected
+from pnp_sci.camera.outliers import expected, lost_lines
 from pnp_sci.camera.rise import rise
 from pnp_sci.camera.verdict import HALF
 from pnp_sci.sensing.operator import BY_NOISE
@@ -41,8 +41,16 @@ def unlike(y, weight, hot, dead, good) -> list[Finding]:
         if float(np.sum(np.square(excess), where=where)) > limits[kind] * light:
             count = int(where.sum())
             text = f"{count} pixel{'s are' if count > 1 else ' is'} {how} than masks and neighbours allow"
-            found.append(Finding(kind, text, hints[kind]))
+            lines = lost_lines(y, weight, good, dead) if kind == "dead" else []
+            lost = ", ".join(f"y[{':, ' * axis}{r.start}:{r.stop}]" for axis, r in lines)
+            found.append(_lost(lost) if lost else Finding(kind, text, hints[kind]))
     return found
+
+
+def _lost(where: str) -> Finding:
+    """The finding of whole rows or columns of y that are 0."""
+    hint = f"the readout or the file is incomplete, unless the scene is black there; {LEAVE}"
+    return Finding("dead", f"{where} is 0 in all pixels", hint)
 
 
 def _limit_of_hot(excess: np.ndarray, weight: np.ndarray) -> float:

@@ -7,7 +7,7 @@ import numpy as np
 from pnp_sci.camera.code import Code, Match
 from pnp_sci.camera.fit import Finding
 from pnp_sci.camera.light_line import light_line
-from pnp_sci.camera.orientations import search
+from pnp_sci.camera.orientations import in_pairs, search
 
 SURELY = 5.0  # standard errors: beyond chance in any one of some dozen tests, also with few blocks
 LIKELY = 3.0  # standard errors, beside a limit that is itself far from what is right
@@ -51,6 +51,9 @@ def judge_code(
     code: Code, y: np.ndarray, match: Match, shift: tuple[float, float] | None, mirrored: tuple[int, int] | None
 ) -> list[Finding]:
     """What is wrong with masks or measurement y (H, W): one finding at most, as each hides those that follow."""
+    moved = shift is not None or not _are_right(match)
+    if moved and (swapped := _in_pairs(code, y, match, shift or match.lag.value)):
+        return swapped
     if shift is not None:
         return [_moved(shift, mirrored)]
     if match.turn.errors > SURELY and match.turn.gain > MATERIAL and _are_right(match):
@@ -72,6 +75,20 @@ def judge_code(
     if (low or high) and match.blur.errors > SURELY and abs(match.blur.gain) > MATERIAL:
         return [_sharpness(match)]
     return [_weak(code, y, match)] if low else [_contrast(match)] if high else []
+
+
+def _in_pairs(code: Code, y: np.ndarray, match: Match, shift: tuple[float, ...]) -> list[Finding]:
+    """Lines of y that are swapped in pairs: masks arranged so explain more than those moved by `shift`."""
+    moved = Code(np.roll(code.sums, np.rint(shift).astype(int), (1, 2)), code.good).match(y)
+    for axis, name in ((1, "rows"), (2, "columns")):
+        if code.sums.shape[axis] % 2:
+            continue
+        other = Code(in_pairs(code.sums, axis), code.good).match(y)
+        if other.follows > HALF and _are_right(other) and other.share > max(match.share, moved.share) + MATERIAL:
+            text = f"y does not follow the masks, but it follows them with {name} swapped in pairs"
+            order = f"y[{':, ' * (axis - 1)}np.arange({code.sums.shape[axis]}) ^ 1]"
+            return [Finding("arrangement", text, f"y may be read in a wrong order; try {order}")]
+    return []
 
 
 def _moved(shift: tuple[float, float], mirrored: tuple[int, int] | None) -> Finding:

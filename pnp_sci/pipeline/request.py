@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import sys
 from collections.abc import Callable
 from dataclasses import asdict, dataclass, replace
 from typing import Any
@@ -121,7 +122,7 @@ def check_request(
     one_of("effort", effort, EFFORTS)
     check_scene(scene, op)
     tol, seed = finite_number("tol", tol), whole("seed", seed, 0)
-    iterations = None if iterations is None else whole("iterations", iterations, 1)
+    iterations = None if iterations is None else whole("iterations", iterations, 1, sys.maxsize)
     threads = None if threads is None else whole("threads", threads, 1)
     time_budget = None if time_budget is None else finite_number("time_budget", time_budget)
     sigma = None if sigma is None else finite_number("sigma", sigma)

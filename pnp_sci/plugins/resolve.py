@@ -55,7 +55,7 @@ def _made(prior: Any, options: dict[str, Any], used: set[str]) -> Prior:
         return _named(prior, options, used)
     if isinstance(prior, Prior) and not isinstance(prior, type):
         return prior
-    if is_torch_module(prior):
+    if is_torch_module(prior) and _takes(prior, 2):
         return TorchPrior(prior, options["device"])
     if isinstance(prior, Sequence) and prior and all(_is_stage(stage) for stage in prior):
         for _, calls in prior:
@@ -64,16 +64,17 @@ def _made(prior: Any, options: dict[str, Any], used: set[str]) -> Prior:
     if callable(prior) and not isinstance(prior, type) and _takes(prior, 2):
         return FunctionPrior(prior)
     raise InputTypeError(
-        f"prior is {_called(prior)}: a name, a Prior, a callable (x, sigma), a torch module or a sequence of "
+        f"prior is {_called(prior)}: a name, a Prior, a callable or torch module (x, sigma), or a sequence of "
         "(prior, iterations) was expected"
     )
 
 
 def _called(thing: Any) -> str:
     """What came in place of a function, with the arguments that it takes."""
-    if not inspect.isroutine(thing):
+    routine = thing.forward if is_torch_module(thing) else thing
+    if not inspect.isroutine(routine):
         return shown(thing)
-    return f"{shown(thing)}, which takes {inspect.signature(thing)}"
+    return f"{shown(thing)}, which takes {inspect.signature(routine)}"
 
 
 def _is_stage(stage: Any) -> bool:
@@ -117,7 +118,7 @@ def _require_options(kind: str, name: str, factory: Callable, options: dict[str,
 def _takes(function: Callable, arguments: int) -> bool:
     """Whether a function can be called with so many positional arguments, as far as it says."""
     try:
-        inspect.signature(function).bind(*range(arguments))
+        inspect.signature(function.forward if is_torch_module(function) else function).bind(*range(arguments))
     except TypeError:
         return False
     except ValueError:  # some builtins tell nothing of themselves

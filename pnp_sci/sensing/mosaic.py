@@ -146,7 +146,8 @@ class Mosaic:
         weights = op.masks.sum((0, 1), dtype=np.float64) ** 2 + op.gram
         for colour, plane, weight in zip(self.colours, _quarters(y.astype(np.float64)), _quarters(weights)):
             light[:, colour] += np.mean(plane**2), np.mean(weight)
-        brightness = np.sqrt(light[0] / np.maximum(light[1], np.finfo(float).tiny))
+        seen, through = np.sqrt(light)
+        brightness = np.divide(seen, through, out=np.zeros(3), where=through > 0)
         largest = brightness.max()
         return np.maximum(brightness / largest, DARKEST) if largest > 0 else np.ones(3)
 

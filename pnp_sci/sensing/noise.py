@@ -98,7 +98,10 @@ def estimate_noise(
         usable &= ~blocks(saturated).any(1)
     if usable.sum() < FEWEST:
         return 0.0
-    if light is None:
+    if light is not None:
+        light = shaped("light", light, (views, frames, 1, 1), np.dtype(np.float64))
+        require_finite("light", light)
+    else:
         light = light_of_frames(op, y, used if saturated is None else used & ~saturated)
     lights = [np.ones((views, frames))] + ([] if (light == 1).all() else [light[..., 0, 0]])
     left_over = (_left_over(op, y, used, light)[usable] for light in lights)

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from pnp_sci._validate import real_array, require_finite, shaped, shown
+from pnp_sci._validate import real_array, require_finite, shaped, shown, whole
 from pnp_sci.errors import InputError, InputTypeError
 
 if TYPE_CHECKING:
@@ -69,7 +69,7 @@ def _same_type(dtype: Any, known: type) -> bool:
     """Whether `dtype` stands for a known one; what is no dtype does not."""
     try:
         return np.dtype(dtype) == known
-    except TypeError:
+    except (TypeError, ValueError):  # ValueError: the dtype of a tensor
         return False
 
 
@@ -303,7 +303,7 @@ def adjoint_mismatch(op: Any, seed: int = 0) -> float:
     """
     if lacking := [name for name in ("shape", "forward", "adjoint") if not hasattr(op, name)]:
         raise InputTypeError(f"op is {shown(op)}: an operator was expected, which has {', '.join(lacking)}")
-    rng = np.random.default_rng(seed)
+    rng = np.random.default_rng(whole("seed", seed, 0))
     x, y = rng.standard_normal(op.shape), rng.standard_normal(getattr(op, "pictures", op.shape[2:]))
     measured, back = np.asarray(op.forward(x), np.float64), np.asarray(op.adjoint(y), np.float64)
     norm = np.linalg.norm(measured) * np.linalg.norm(y)

@@ -2,13 +2,13 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Sequence
 from functools import cached_property
 from typing import Any
 
 import numpy as np
 
-from pnp_sci._validate import shown
+from pnp_sci._validate import elements, shown
 from pnp_sci.errors import InputError, InputTypeError
 from pnp_sci.sensing.operator import SensingOperator
 
@@ -47,18 +47,17 @@ class SequenceOperator(SensingOperator):
     """
 
     def __init__(self, parts: Sequence[SensingOperator]):
-        if not isinstance(parts, Iterable):
+        if (given := elements(parts)) is None:
             raise InputTypeError(f"parts is {shown(parts)}: a sequence of operators was expected")
-        parts = tuple(parts)
-        for part in parts:
+        for part in given:
             if not isinstance(part, SensingOperator):
                 raise InputTypeError(f"parts has {type(part).__name__}: operators were expected")
-        kinds = {(part.shape, part.dtype) for part in parts}
+        kinds = {(part.shape, part.dtype) for part in given}
         if len(kinds) != 1:
             raise InputError(f"parts has operators of {len(kinds)} shapes and types: one was expected")
-        self._parts = parts
-        views, frames, *picture = parts[0].shape
-        self.shape, self.dtype = (views, len(parts) * frames, *picture), parts[0].dtype  # type: ignore[assignment]
+        self._parts = given
+        views, frames, *picture = given[0].shape
+        self.shape, self.dtype = (views, len(given) * frames, *picture), given[0].dtype  # type: ignore[assignment]
 
     def __repr__(self) -> str:
         return f"SequenceOperator({len(self.parts)} times {self.parts[0]!r})"

@@ -72,8 +72,8 @@ class TorchSensingOperator(torch.nn.Module):
 
     def __init__(self, masks: Any, dtype: torch.dtype | None = None, device: torch.device | str | None = None):
         super().__init__()
-        if dtype is not None and dtype not in _FLOATING:
-            raise InputTypeError(f"dtype is {dtype}: torch.float32 or torch.float64 was expected")
+        if dtype is not None and not (isinstance(dtype, torch.dtype) and dtype in _FLOATING):
+            raise InputTypeError(f"dtype is {shown(dtype)}: torch.float32 or torch.float64 was expected")
         if isinstance(masks, SensingOperator):
             dtype = dtype or getattr(torch, masks.dtype.name)
         elif isinstance(masks, torch.Tensor):

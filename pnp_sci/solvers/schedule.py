@@ -144,7 +144,8 @@ class Schedule:
         sigma = self.sigma
         if self.begins < min(iteration, self.ends):
             sigma *= self.settled ** min((iteration - self.begins) / (self.ends - self.begins), 1)
-        rho = self.product / sigma if sigma > 0 else 0.0
+        with np.errstate(over="ignore"):  # a sigma near 0 has an infinite rho
+            rho = self.product / sigma if sigma > 0 else 0.0
         return sigma, rho if self.unseen is None else library(self.unseen).where(self.unseen, np.inf, rho)
 
 

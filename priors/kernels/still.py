@@ -30,8 +30,8 @@ def sureness(change, brightness, rest):
     change: squared change along time; brightness: mean along time. The limit r is `rest` (> 0) for bright pixels. For
     dark ones it is proportional to their mean, with a lower bound.
     """
-    r = rest * (brightness / TUNED.bright).clip(DARKEST, 1)
-    with np.errstate(under="ignore"):  # pixels that move
+    with np.errstate(under="ignore", over="ignore"):  # pixels that move, and a limit that all pixels keep
+        r = rest * (brightness / TUNED.bright).clip(DARKEST, 1)
         return library(change).exp(-change / r**2)
 
 

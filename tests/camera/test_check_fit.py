@@ -9,7 +9,7 @@ from moved import moved, seen_through
 from scipy.ndimage import gaussian_filter, shift
 
 import pnp_sci
-from pnp_sci import SensingOperator, check_fit, datasets, moving_masks, random_masks, simulate, solve
+from pnp_sci import SensingOperator, Sensor, check_fit, datasets, moving_masks, random_masks, simulate, solve
 from pnp_sci.camera.code import Code
 from pnp_sci.camera.mask_frames import repeated_frames
 
@@ -471,3 +471,38 @@ def test_noise_is_compared_with_y_in_any_unit(scene, unit):
     y = simulate(scene.truth, scene.masks, 0.01) * np.float32(unit)
     assert kinds(y, scene.masks, noise=0.01 * unit) == []
     assert kinds(y, scene.masks, noise=100 * unit) == ["noise"]
+
+
+@pytest.mark.parametrize("bits", [1, 2])
+@pytest.mark.parametrize("views", [1, 2])
+@pytest.mark.parametrize("noise", [0, 0.02])
+def test_few_values_are_no_bad_pixels(bits, views, noise):
+    scene = datasets.embedded_scene(128)
+    y = np.maximum(simulate(scene.truth[:views], scene.masks[:views], noise), 0)
+    y = np.round(y / y.max() * (2**bits - 1))
+    fit = check_fit(y, scene.masks[:views])
+    assert [finding.kind for finding in fit.findings] == ["coarse"]
+    assert f"full_scale={2**bits - 1}, bits={bits})" in fit.findings[0].hint
+    assert not fit.bad.any()
+    assert check_fit(y, scene.masks[:views], noise=Sensor(full_scale=2**bits - 1, bits=bits)).ok
+
+
+def test_uniform_light_has_as_few_values_as_the_masks():
+    for frames in (1, 2, 3):
+        masks = random_masks((1, frames, 64, 64))
+        assert all(finding.kind != "coarse" for finding in check_fit(masks.sum((0, 1)) / 2, masks).findings)
+
+
+@pytest.mark.parametrize("make", [random_masks, moving_masks])
+@pytest.mark.parametrize("axis", [0, 1])
+def test_lines_swapped_in_pairs_are_named(make, axis):
+    scene = datasets.embedded_scene(128)
+    masks = make(scene.masks.shape, seed=1)
+    y = simulate(scene.truth, masks, 0.01)
+    fit = check_fit(np.take(y, np.arange(128) ^ 1, axis), masks)
+    (finding,) = fit.findings
+    assert finding.kind == "arrangement"
+    assert f"{('rows', 'columns')[axis]} swapped in pairs" in finding.text
+    assert fit.shift is None
+    for step in (1, -1):
+        assert kinds(np.roll(y, step, axis), masks) == ["shift"]

@@ -141,8 +141,8 @@ def test_masks_that_are_wrong_otherwise_are_left_alone(scene, wrong, caplog):
     assert found.identity
     assert found.black_level == 0
     assert np.array_equal(found.masks, masks)
-    assert "no transform makes the masks fit" in caplog.text
-    assert "no transform makes the masks fit" in repr(found)
+    assert "no shift, rotation or scale makes the masks fit" in caplog.text
+    assert "no shift, rotation or scale makes the masks fit" in repr(found)
 
 
 @pytest.mark.parametrize("y", [np.zeros((64, 64)), np.ones((64, 64)), np.random.default_rng(0).random((64, 64))])

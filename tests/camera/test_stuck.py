@@ -45,6 +45,22 @@ def test_a_stuck_column_may_have_noise(scene):
     assert np.array_equal(np.flatnonzero(stuck(y, scene.masks).sum(0) > 64), [40])
 
 
+@pytest.mark.parametrize("lost", [np.s_[:32], np.s_[40:], np.s_[:, 100:], np.s_[60:68]])
+@pytest.mark.parametrize("level", [0, 0.5])
+@pytest.mark.parametrize("bits", [None, 8])
+def test_any_number_of_lines_is_found(scene, lost, level, bits):
+    """As where the readout has stopped: at 0 or at another value."""
+    y = simulate(scene.truth, scene.masks, 0.01, bits=bits)
+    y[lost] = level * y.max()
+    gone = np.zeros(y.shape, bool)
+    gone[lost] = True
+    fit = check_fit(y, scene.masks)
+    assert fit.bad[gone].all()
+    assert (fit.bad & ~gone).sum() <= 3
+    (finding,) = (f for f in fit.findings if f.kind == ("stuck" if level else "dead"))
+    assert "0 in all pixels" in finding.text or level
+
+
 def test_it_is_left_out(scene):
     y = scene.y.copy()
     y[:, 40] = 1.2 * y.max()

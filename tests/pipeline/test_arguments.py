@@ -33,6 +33,7 @@ def scene():
         ({"noise": -1}, "noise is -1"),
         ({"noise": "loud"}, "noise is 'loud'"),
         ({"iterations": 0}, "iterations is 0"),
+        ({"iterations": 10**20}, "iterations is 1000.*a whole number from 1 to"),
         ({"tol": -1}, "tol is -1"),
         ({"tol": float("nan")}, "tol is nan"),
         ({"no_option": 3}, "takes no option no_option"),
@@ -102,6 +103,43 @@ def test_settings_can_be_given_again(scene):
     alone = solve(scene.y, scene.masks, iterations=2)
     again = solve(scene.y, scene.masks, iterations=2, sequence=alone.settings["sequence"])
     assert (again.x == alone.x).all()
+
+
+@pytest.mark.parametrize(
+    ("call", "message"),
+    [
+        (lambda op, y: pnp_sci.estimate_noise(op, y, light="auto"), "light is 'auto': an array"),
+        (lambda op, y: pnp_sci.estimate_noise(op, y, light=np.ones(3)), r"light has shape \(3,\): \(2, 10, 1, 1\)"),
+        (lambda op, y: pnp_sci.estimate_noise(op, y, light=np.full((2, 10, 1, 1), np.nan)), "light has 20 values"),
+        (lambda op, y: pnp_sci.adjoint_mismatch(op, seed=-1), "seed is -1: a whole number >= 0"),
+        (lambda op, y: pnp_sci.adjoint_mismatch(op, seed="a"), "seed is 'a': a whole number"),
+        (lambda op, y: pnp_sci.random_masks(np.array(3)), r"shape is array\(3\): \(views"),
+        (lambda op, y: pnp_sci.moving_masks(np.array(3)), r"shape is array\(3\): \(views"),
+        (lambda op, y: pnp_sci.SequenceOperator(np.array(3)), r"parts is array\(3\): a sequence"),
+        (lambda op, y: pnp_sci.check_fit(y, op, frame_order="no"), "frame_order is 'no': True or False"),
+        (lambda op, y: pnp_sci.check_fit(y, op, frame_order=np.ones(3)), "frame_order is array"),
+        (lambda op, y: pnp_sci.register(y, op, each_view=np.ones(3)), "each_view is array"),
+        (lambda op, y: pnp_sci.psnr(op.masks, op.masks, peak=5e-324), "reference spans 0 to 1: values"),
+    ],
+)
+def test_errors_of_other_functions_name_the_argument(scene, call, message):
+    with pytest.raises((InputError, InputTypeError), match=message):
+        call(pnp_sci.SensingOperator(scene.masks), scene.y)
+
+
+def test_a_module_that_takes_no_sigma_is_no_prior(scene):
+    torch = pytest.importorskip("torch")
+    for module in (torch.nn.Identity(), torch.nn.Conv2d(1, 1, 3)):
+        with pytest.raises(InputTypeError, match=r"prior is .*which takes \(input"):
+            pnp_sci.denoise(scene.truth, 0.1, module)
+        with pytest.raises(InputTypeError, match=r"model is .*which takes \(input"):
+            pnp_sci.decode(scene.y, scene.masks, model=module)
+    for operator, dtype in (
+        (pnp_sci.SensingOperator, torch.tensor(2)),
+        (pnp_sci.TorchSensingOperator, np.ones(3)),
+    ):
+        with pytest.raises(InputTypeError, match="dtype is "):
+            operator(scene.masks, dtype=dtype)
 
 
 @pytest.mark.parametrize(

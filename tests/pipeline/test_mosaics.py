@@ -209,3 +209,13 @@ def test_errors_name_the_argument(options, match):
 def test_odd_pictures_are_refused():
     with pytest.raises(InputError, match=r"y has shape \(7, 8\): even rows"):
         pnp_sci.solve(np.ones((7, 8)), np.ones((1, 2, 7, 8)), mosaic="RGGB")
+
+
+@pytest.mark.filterwarnings("error::RuntimeWarning")
+@pytest.mark.parametrize("weight", [0, 1e-200, 1e-30])
+def test_masks_that_are_closed_for_a_colour(weight):
+    """They tell nothing of its brightness, whatever y is there."""
+    y, masks, _ = measured()
+    masks = masks.astype(float)
+    masks[..., ::2, ::2] *= weight
+    assert np.isfinite(pnp_sci.solve(y.astype(float), masks, mosaic="RGGB", iterations=2).x).all()
