@@ -58,7 +58,7 @@ class Fused(nn.Module):
         self.register_buffer("bias", None if layer.bias is None else layer.bias.detach().to(dtype))
         self.geometry = layer.padding, layer.stride, layer.dilation, layer.groups
         reach = layer.dilation[1] * (layer.kernel_size[1] - 1) + 1 - 2 * int(layer.padding[1])
-        self.two = layer.stride[1] + reach if layer.stride != (1, 1) else 0  # columns of which two are made
+        self.two = layer.stride[1] + reach if layer.stride != (1, 1) else 0  # least width of x for two columns
         kind = "none" if rectifier is None else RECTIFIERS[type(rectifier)]
         self.rectifier = kind, [rectifier.negative_slope] if isinstance(rectifier, nn.LeakyReLU) else [], ""
 

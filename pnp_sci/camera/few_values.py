@@ -1,4 +1,4 @@
-"""Measurements of one or two bits, whose values tell nothing of single pixels."""
+"""Measurements of one or two bits: too few values to find bad pixels."""
 
 from __future__ import annotations
 
@@ -8,6 +8,7 @@ from pnp_sci.camera.fit import Finding
 from pnp_sci.sensing.sensor import Sensor
 
 FEW = 4  # values: with as few, most steps from pixel to pixel are those of the rounding
+BITS = {2: 1, 4: 2}  # by the number of grey levels
 
 
 def has_few_values(y: np.ndarray, weight: np.ndarray) -> bool:
@@ -21,10 +22,11 @@ def has_few_values(y: np.ndarray, weight: np.ndarray) -> bool:
 
 
 def coarse(y: np.ndarray, sensor: Sensor) -> list[Finding]:
-    """The finding of few values y (N,), unless the sensor says that it has grey levels."""
-    if sensor.step > 0:
+    """The finding of few values y (N,), unless the sensor says that it has as few grey levels."""
+    if sensor.bits is not None and 2**sensor.bits <= FEW:
         return []
-    count, top = np.unique(y).size, float(y.max())
-    told = f"noise=pnp_sci.Sensor(full_scale={top:.7g}, bits={1 if count == 2 else 2})"
-    hint = f"give it as recorded; if the camera has so few grey levels, {told}" if top > 0 else "give it as recorded"
-    return [Finding("coarse", f"y has {count} different values only", hint)]
+    values, hint = np.unique(y), "give it as recorded"
+    if np.allclose(values, np.linspace(0, values[-1], values.size)) and values.size in BITS:
+        told = f"noise=pnp_sci.Sensor(full_scale={values[-1]:.7g}, bits={BITS[values.size]})"
+        hint += f"; if the camera has so few grey levels, {told}"
+    return [Finding("coarse", f"y has {values.size} different values only", hint)]

@@ -12,7 +12,7 @@ from pnp_sci.camera.fit import Finding, Fit
 from pnp_sci.camera.groups import hot_groups
 from pnp_sci.camera.lost_mask import lost_at_an_end, step_of
 from pnp_sci.camera.mask_frames import lost_frames, lost_views, repeated_frames, static_views
-from pnp_sci.camera.outliers import lost_lines, negative, outliers
+from pnp_sci.camera.outliers import negative, outliers
 from pnp_sci.camera.pile import pile
 from pnp_sci.camera.scattered import scattered_hot
 from pnp_sci.camera.stuck import stuck_lines
@@ -41,6 +41,8 @@ class Pixels:
         Those that the sensor says; None if it says none.
     pile : (float, float) or None
         Lowest and highest value of a pile at the upper end, in the units of the measurement.
+    few : bool
+        Whether the good ones have few values.
     """
 
     good: np.ndarray
@@ -49,6 +51,7 @@ class Pixels:
     clipped: np.ndarray
     saturated: np.ndarray | None
     pile: tuple[float, float] | None
+    few: bool = False
 
     @property
     def left(self) -> np.ndarray:
@@ -102,14 +105,15 @@ class Masks:
         findings = (*self.missing, *self._of_values(y, scaled, pixels, sensor, warn_of_bad))
         full_scale = None if pixels.pile is None else pixels.pile[0]
         fit = replace(fit, hot=pixels.hot, dead=pixels.dead, findings=findings, full_scale=full_scale)
-        return self._by_code(fit, scaled * left, height, left, pixels.clipped)
+        return self._by_code(fit, scaled * left, height, left, pixels)
 
     def _pixels(self, y: np.ndarray, height: float, good: np.ndarray, saturated: np.ndarray | None) -> Pixels:
         """The pixels of y (H, W), in units of its `height`; hot groups are told from a pile, and may be in its way."""
         if has_few_values(y[good], self.weight[good]):
             nothing = np.zeros(y.shape, bool)
-            return Pixels(good, nothing, nothing, nothing if saturated is None else saturated, saturated, None)
-        hot, dead = self._outliers(y, good)
+            clipped = nothing if saturated is None else saturated
+            return Pixels(good, nothing, nothing, clipped, saturated, None, few=True)
+        hot, dead = self._outliers(y, good, saturated)
         pixels = self._with_pile(y, height, good, hot, dead, saturated)
         if self.signed:
             return pixels
@@ -124,21 +128,21 @@ class Masks:
         low, top = found
         return Pixels(good, hot, dead, clipped | (y >= low), saturated, (low * height, top * height))
 
-    def _outliers(self, y: np.ndarray, good: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    def _outliers(self, y: np.ndarray, good: np.ndarray, saturated: np.ndarray | None) -> tuple[np.ndarray, np.ndarray]:
         """Hot and dead pixels; where views differ in brightness, each weighs as it is bright."""
-        below = np.zeros(y.shape, bool) if self.signed else negative(y, good)
-        good = good & ~below
-        many = np.zeros(y.shape, bool) if self.signed else scattered_hot(y, self.weight, self.masks, good)
-        good = good & ~many
+        below = many = np.zeros(y.shape, bool)
+        if not self.signed:
+            below = negative(y, good)
+            usable = good & ~below if saturated is None else good & ~below & ~saturated
+            many = scattered_hot(y, self.weight, self.masks, usable)
+        good = good & ~below & ~many
         hot, dead = outliers(y, self.weight, good)
         if len(self.sums) > 1 and not self.signed and (hot.any() or dead.any()):
             code = Code(self.sums, good & ~hot & ~dead)
             if code.present and code.tells_light:
                 levels = np.maximum(code.match(y * code.good).level.value, 0)
                 hot, dead = outliers(y, np.einsum("v,vhw->hw", levels.astype(np.float32), self.sums), good)
-        for axis, lines in lost_lines(y, self.weight, good, dead):
-            dead[(slice(None),) * axis + (lines,)] = True
-        return hot | many, (dead & good) | below
+        return hot | many, dead | below
 
     def _of_values(
         self, y: np.ndarray, scaled: np.ndarray, pixels: Pixels, sensor: Sensor, warn_of_bad: bool
@@ -147,7 +151,7 @@ class Masks:
         left = pixels.left
         clear = left & ~pixels.clipped
         found = unlike(scaled, self.weight, pixels.hot, pixels.dead, pixels.good) if warn_of_bad else []
-        if has_few_values(y[left], self.weight[left]):
+        if pixels.few:
             found += coarse(y[left], sensor)
         found += [*beyond(float(y[left].max(initial=0)), sensor), *loud(y[clear], sensor)]
         if all(step is not None for step in self.steps):
@@ -156,9 +160,9 @@ class Masks:
             found += saturation(y, *pixels.pile, sensor, pixels.saturated)
         return found
 
-    def _by_code(self, fit: Fit, y: np.ndarray, height: float, good: np.ndarray, clipped: np.ndarray) -> Fit:
+    def _by_code(self, fit: Fit, y: np.ndarray, height: float, good: np.ndarray, pixels: Pixels) -> Fit:
         """The fit, with what the code says; a pile would weaken it, so that its blocks are left out."""
-        code = self.code
+        code, clipped = self.code, pixels.clipped
         if clipped.any() or not good.all():
             code = Code(self.sums, good & ~code.around(clipped))
             if clipped.any() and code.blocks.sum() < self.code.blocks.sum() / 4:
@@ -169,7 +173,7 @@ class Masks:
         shift = shift_of(code, y, match, self.mirrored)
         found = judge_code(code, y, match, shift, self.mirrored)
         findings = fit.findings
-        if (clipped & (code.used > 0)).any() or any(f.kind == "coarse" for f in findings):
+        if (clipped & (code.used > 0)).any() or pixels.few:
             found = [f for f in found if f.kind not in LEVELS]
         if any(f.kind in OTHERS for f in found):  # what such masks allow says nothing of single pixels
             findings = [f for f in findings if f.kind not in ("hot", "dead")]

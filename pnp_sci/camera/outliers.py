@@ -81,8 +81,8 @@ def most_unlike(
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray, int]:
     """The usable pixels that stand out most: rows, columns, and their ratios to what neighbours allow, each (count,).
 
-    The last is how many pixels away these neighbours are, which are the usable pixels or those `beside` them. With sign
-    -1, the pixels are the darkest ones.
+    Neighbours are the usable pixels, or those in `beside`; the last value is how many pixels away they are, at most.
+    With sign -1, the pixels are the darkest ones.
     """
     seen = (usable if beside is None else beside) & (weight > 0)
     floor, reach = _floor(y[seen if seen.any() else usable]), _reach(seen)
@@ -124,9 +124,8 @@ def _stuck(y: np.ndarray, weight: np.ndarray, usable: np.ndarray, value: float) 
 
 def lost_lines(y: np.ndarray, weight: np.ndarray, usable: np.ndarray, dead: np.ndarray) -> list[tuple[int, slice]]:
     """Axis (0 for rows) and range of five or more lines of y (H, W) that are exactly 0; some of each are `dead`."""
-    lost = []
+    lost, lit = [], usable & (weight > 0)
     for axis in (0, 1):
-        lit = usable & (weight > 0)
         zero = lit.any(1 - axis) & ~(lit & (y != 0)).any(1 - axis)
         edges = np.flatnonzero(np.diff(np.pad(zero, 1).astype(np.int8)))
         ranges = [slice(int(first), int(end)) for first, end in edges.reshape(-1, 2)]

@@ -1,4 +1,4 @@
-"""Scattered hot pixels that are so many that they are the tail of the distribution that outliers are told from."""
+"""Scattered hot pixels, too many for the tail that `outliers` extrapolates."""
 
 from __future__ import annotations
 
@@ -9,7 +9,8 @@ from pnp_sci.camera.rise import rise
 from pnp_sci.camera.verdict import HALF, SURELY
 
 TWICE = 2.0  # ratio to neighbours within two pixels, more for others
-DARKER = 0.25  # of the hot pixels that are found first: what is as bright as the others tells nothing of a pixel
+DARKER = 0.25  # of the hot pixels that are found first: pixels as bright do not count as neighbours
+CEILING = 0.98  # of the brightest hot pixel
 MANY = 0.5  # of the pixels in the tail: fewer leave the tail to good pixels
 
 
@@ -17,8 +18,8 @@ def scattered_hot(y: np.ndarray, weight: np.ndarray, masks: np.ndarray, usable: 
     """Many scattered hot pixels of y (H, W), bool, for masks (V, B, H, W) >= 0 of the sum `weight`; none if few.
 
     Each is twice as bright as its masks and all but one of its neighbours allow, or 1.5 times and as bright as most
-    that are. So may be what is lit, but that follows the masks: what points of light add rises with the weight, and a
-    pixel sees a flash if its masks are open then. And what moves lights pixels side by side.
+    that are, and at least half of them are at the camera's ceiling. Light is kept: it rises with the weight, its masks
+    are open more often, or its pixels touch.
 
     Examples
     --------
@@ -44,6 +45,8 @@ def scattered_hot(y: np.ndarray, weight: np.ndarray, masks: np.ndarray, usable: 
             return none
         if not chosen.any():
             break
+    if np.mean(y[hot] >= CEILING * y[hot].max()) < HALF:  # flashes differ in brightness
+        return none
     excess = (y - expected(y, weight, usable & ~hot))[hot]
     of_noise = np.median(excess) < UNLIKELY * typical_step(y, usable & ~hot)
     slope, error = rise(excess, weight[hot])

@@ -39,18 +39,7 @@ def stuck_lines(y: np.ndarray, sums: np.ndarray, usable: np.ndarray) -> np.ndarr
     if np.sum(usable & ~others) < FEW * usable.sum():
         for pixels in runs:
             stuck[pixels] |= not _is_end(y[pixels], y[others])
-    return stuck | _same(y, usable, stuck)
-
-
-def _same(y: np.ndarray, usable: np.ndarray, stuck: np.ndarray) -> np.ndarray:
-    """Usable pixels that are connected to stuck ones by pixels of the same value: regions larger than a few lines."""
-    from scipy.ndimage import binary_propagation
-
-    same = np.zeros(y.shape, bool)
-    for value in np.unique(y[stuck]):
-        there = usable & (y == value)
-        same |= np.asarray(binary_propagation(stuck & there, mask=there))
-    return same
+    return stuck
 
 
 def _runs(y: np.ndarray, sums: np.ndarray, usable: np.ndarray) -> list[tuple[slice, int]]:

@@ -42,15 +42,15 @@ def unlike(y, weight, hot, dead, good) -> list[Finding]:
             count = int(where.sum())
             text = f"{count} pixel{'s are' if count > 1 else ' is'} {how} than masks and neighbours allow"
             lines = lost_lines(y, weight, good, dead) if kind == "dead" else []
-            lost = ", ".join(f"y[{':, ' * axis}{r.start}:{r.stop}]" for axis, r in lines)
-            found.append(_lost(lost) if lost else Finding(kind, text, hints[kind]))
+            found.append(_lost(lines) if lines else Finding(kind, text, hints[kind]))
     return found
 
 
-def _lost(where: str) -> Finding:
-    """The finding of whole rows or columns of y that are 0."""
-    hint = f"the readout or the file is incomplete, unless the scene is black there; {LEAVE}"
-    return Finding("dead", f"{where} is 0 in all pixels", hint)
+def _lost(lines: list[tuple[int, slice]]) -> Finding:
+    """The finding of whole rows or columns of y that are 0, at most three ranges of which are named."""
+    named = [f"y[..., {r.start}:{r.stop}{', :' * (axis == 0)}]" for axis, r in lines[:3]] + ["..."] * (len(lines) > 3)
+    hint = "the readout or file is incomplete, or the scene is black there; if not black, bad= a picture of them"
+    return Finding("dead", f"all pixels of {', '.join(named)} are 0", hint)
 
 
 def _limit_of_hot(excess: np.ndarray, weight: np.ndarray) -> float:

@@ -85,8 +85,8 @@ def _in_pairs(code: Code, y: np.ndarray, match: Match, shift: tuple[float, ...])
             continue
         other = Code(in_pairs(code.sums, axis), code.good).match(y)
         if other.follows > HALF and _are_right(other) and other.share > max(match.share, moved.share) + MATERIAL:
-            text = f"y does not follow the masks, but it follows them with {name} swapped in pairs"
-            order = f"y[{':, ' * (axis - 1)}np.arange({code.sums.shape[axis]}) ^ 1]"
+            text = f"y follows the masks better with {name} swapped in pairs"
+            order = f"y[..., np.arange({code.sums.shape[axis]}) ^ 1{', :' * (axis == 1)}]"
             return [Finding("arrangement", text, f"y may be read in a wrong order; try {order}")]
     return []
 

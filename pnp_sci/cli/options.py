@@ -18,7 +18,7 @@ if TYPE_CHECKING:
 
     from pnp_sci.sensing.sensor import Sensor
 
-OF_SOLVE = {"scene", "sigma", "tol", "threads"}  # arguments of `solve` that are no options of commands
+OF_SOLVE = {"scene", "sigma", "tol", "threads"}  # arguments of `solve` that --option takes, unless a command has them
 
 
 def interactive() -> bool:
@@ -30,7 +30,9 @@ def solver_options(command: Callable) -> Callable:
     """Options of :func:`pnp_sci.solve` for a command that solves."""
     prior = "One of `pnp-sci priors`, a+b, or stages a:60,b:20."
     first = "First estimate; auto: a network's for learned priors."
+    more = "Option of the prior, or scene, sigma or tol of solve; may be repeated."
     for option in (
+        click.option("--option", "options", multiple=True, metavar="KEY=VALUE", help=more),
         click.option("--iterations", type=click.IntRange(min=1), help="At most so many."),
         click.option("--effort", default="balanced", show_default=True, help="fast, balanced or best."),
         click.option("--init", default="auto", show_default=True, help=first),
@@ -87,19 +89,20 @@ def pairs(options: tuple[str, ...]) -> dict[str, Any]:
     """``("inner=5", "mode=iso")`` -> ``{"inner": 5, "mode": "iso"}``."""
     from pnp_sci import api
 
-    pairs, taken = {}, click.get_current_context().params.keys() | inspect.signature(api.solve).parameters.keys()
+    found, own = {}, click.get_current_context().params.keys()
+    taken = own | (inspect.signature(api.solve).parameters.keys() - OF_SOLVE)
     for option in options:
         key, separator, value = option.partition("=")
         if not separator or not key.isidentifier():
             raise click.BadParameter(f"{option!r} came, KEY=VALUE was expected", param_hint="--option")
-        if key in taken - OF_SOLVE:
-            expected = f"an option of the prior, or one of {', '.join(sorted(OF_SOLVE))}"
+        if key in taken:
+            expected = f"an option of the prior, or one of {', '.join(sorted(OF_SOLVE - own))}"
             raise click.BadParameter(f"{key!r} came, {expected} was expected", param_hint="--option")
         try:
-            pairs[key] = json.loads(value)
+            found[key] = json.loads(value)
         except json.JSONDecodeError:
-            pairs[key] = value
-    return pairs
+            found[key] = value
+    return found
 
 
 def words(text: str) -> list[str]:

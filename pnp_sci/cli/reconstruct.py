@@ -37,7 +37,6 @@ from pnp_sci.errors import SolverError
 @click.option("--threads", type=click.IntRange(min=1), help="Of each process.  [default: cores / workers, elsewhere 1]")
 @click.option("--uncertainty", is_flag=True, help="Predict the error of each pixel: twice the time.")
 @click.option("--seed", default=0, type=SEED, show_default=True)
-@click.option("--option", "options", multiple=True, metavar="KEY=VALUE", help="Of the prior, or scene=full; may recur.")
 def reconstruct(
     source: tuple[Path, ...],
     masks_file: Path | None,

@@ -32,7 +32,6 @@ from pnp_sci.cli.outputs import SAVED, SHOWN, White, check_white, named, print_s
 @click.option("--sequence", is_flag=True, help="The measurements follow one another: solve them as one video.")
 @click.option("--seed", default=0, type=SEED, show_default=True)
 @click.option("--mosaic", help="Colour filters of the camera: RGGB, BGGR, GRBG or GBRG.  [default: grey]")
-@click.option("--option", "options", multiple=True, metavar="KEY=VALUE", help="Of the prior, or scene=full; may recur.")
 @click.option("--reference", type=FILE, help="File with the true video, to score the result.")
 @click.option("--reference-key", help="Name of the true video in its file, where it cannot be told.")
 @click.option("--peak", type=POSITIVE, help="White in the true video.  [default: 1, or of 8, 10, 12, 14, 16 bits]")

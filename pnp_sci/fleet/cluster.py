@@ -21,7 +21,7 @@ from pnp_sci.fleet.work import JobPlugin, put_failures, solve_chunk
 with needed_for("a fleet of measurements", "cluster"):
     import psutil
     import zarr  # noqa: F401, for the store
-    from distributed import Client, LocalCluster, as_completed
+    from distributed import Client, Future, LocalCluster, as_completed
     from distributed.scheduler import KilledWorker
 
 AHEAD = 2  # chunks a worker thread: one is solved while the next is on its way
@@ -103,12 +103,15 @@ class Team:
                 sent[key] = chunk
                 running.add(self.client.submit(solve_chunk, *arguments, key=key, pure=False))
 
-        send()
-        for future in running:
-            chunk = sent.pop(future.key)
-            done(chunk, self._facts(future, chunk, preview))
-            future.release()
+        try:
             send()
+            for future in running:
+                chunk = sent.pop(future.key)
+                done(chunk, self._facts(future, chunk, preview))
+                future.release()
+                send()
+        finally:  # after an error nothing is written that is not waited for
+            self.client.cancel([Future(key, self.client) for key in sent], force=True)
 
     def _facts(self, future: Any, chunk: Chunk, preview: bool) -> dict[str, Any]:
         """What a chunk returned; of one that has killed its workers again and again, that it failed."""

@@ -17,8 +17,11 @@ NOTHING = "InputError: y is 0 everywhere: a part of its file may be missing"
 
 
 def read_each(read: Callable[[int, int], np.ndarray], start: int, stop: int) -> list[Picture]:
-    """Measurements `start` to `stop` - 1 of a source, of which some may not be readable."""
-    each: list[Picture] = []
+    """Measurements `start` to `stop` - 1 of a source: all at once, or one by one if some are not readable."""
+    try:
+        return list(read(start, stop))
+    except Exception:
+        each: list[Picture] = []
     for n in range(start, stop):
         try:
             each.append(read(n, n + 1)[0])

@@ -24,7 +24,7 @@ from pnp_sci.pipeline.provenance import digest, versions
 from pnp_sci.plugins.torch_module import is_torch_module
 from pnp_sci.sensing.operator import SensingOperator
 
-NO_MATTER = {"threads", "progress", "sequence", "prior_options"}  # of which the last two are told by themselves
+NO_MATTER = {"threads", "progress", "sequence", "prior_options"}  # of which the last two are recorded separately
 PLAIN = bool, int, float, type(None)
 ELSEWHERE = {  # options of solve that are not for many measurements: what serves instead
     "callback": "a callback cannot be sent to other processes",

@@ -90,10 +90,12 @@ def only_run(path: Path) -> Iterator[None]:
         If another run does.
     """
     try:
-        lock = FileLock(path.with_name(f".{path.name[:60]}.lock")).acquire(timeout=0)
+        lock = FileLock(path.with_name(f".{path.name[:200]}.lock")).acquire(timeout=0)
     except Timeout as error:
         said = f"out is {path}, where another run is writing: another place was expected, or to wait for its end"
         raise InputError(said) from error
+    except OSError as error:
+        raise OSError(error.errno or errno.EIO, "the lock beside it cannot be written", str(path)) from error
     with lock:
         yield
 

@@ -8,34 +8,37 @@ from typing import Any
 import numpy as np
 
 from pnp_sci.api import solve
-from pnp_sci.fleet.job import Job
-from pnp_sci.results.result import Result
+from pnp_sci.fleet.job import Job, part_of
 
-ENOUGH = 62  # iterations: strong priors begin with 60 of total variation, the second of their own uses the first
+ENOUGH = 62  # iterations: strong priors begin with 60 of total variation, and a second call uses what the first found
 
 _warm: set[str] = set()
 _warming = threading.Lock()
 
 
 def warm_up(job: Job, y: np.ndarray, options: dict[str, Any]) -> None:
-    """Solve a measurement twice, from a decoder's estimate and without one, as far as it takes to meet all kernels.
+    """Solve two measurements, from a decoder's estimate and without one, as far as it takes to meet all kernels.
 
     Parameters
     ----------
     job : Job
     y : ndarray, (n, H, W)
+        Those that are solved next: "auto" takes a prior that their time budget allows.
     options : dict
         For :func:`pnp_sci.solve`.
     """
+    first = part_of(options, slice(2))
 
-    def solved(**own: Any) -> Result:
-        return solve(y, job.masks, **(options | own))
+    def solved(**own: Any) -> None:
+        given: dict[str, Any] = first | own | {"time_budget": None}
+        solve(y[:2], job.masks, **given)
 
     with _warming:
         if job.fingerprint in _warm:
             return
-        if options.get("prior") == "auto":  # it depends on the time budget
-            options = options | {"prior": solved(iterations=1).settings["prior"]}
-        solved(iterations=1, time_budget=None)
-        solved(iterations=min(ENOUGH, options.get("iterations") or ENOUGH), time_budget=None, init="adjoint")
+        once: dict[str, Any] = options | {"iterations": 1}
+        for _ in range(2 if options.get("prior") == "auto" else 0):  # the first one loads what the choice depends on
+            first["prior"] = solve(y, job.masks, **once).settings["prior"]
+        solved(iterations=1)
+        solved(iterations=min(ENOUGH, options.get("iterations") or ENOUGH), init="adjoint")
         _warm.add(job.fingerprint)

@@ -107,7 +107,7 @@ def _solve_run(
     with _collected_warnings() as warnings:
         try:
             if not preview and (measure or options.get("time_budget") is not None):
-                warm_up(job, y[:2], part_of(options, slice(2)))
+                warm_up(job, y, options)
                 warnings.clear()
             began = time.perf_counter()
             result = _quick(job, y, options) if preview else solve(y, job.masks, **options)

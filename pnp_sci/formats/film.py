@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import errno
+import re
 import struct
 from collections.abc import Iterator
 from fractions import Fraction
@@ -16,23 +17,26 @@ from pnp_sci.errors import FormatError, InputError
 from pnp_sci.formats.pictures import eight_bit
 
 DEEP = (9, 10, 12, 14, 16)  # bits of grey samples beside 8; 16 hold all others
+DURATION = re.compile(r"(\d+):(\d+):([0-9.]+)$")  # of a stream in MKV
 UNKNOWN = 2**32 - 1  # size of an AVI whose writer could not go back to its beginning
 
 
 def load(path: Path, colour: bool = False) -> np.ndarray:
     """The frames (B, H, W), in colour (B, H, W, 3), as uint8, uint16 for more bits, or float32 for grey floats."""
-    av = _av()
+    av, content = _av(), bytearray()
+    frame = None
     try:
-        with av.open(_url(path)) as film:
+        with av.open(_url(path), metadata_errors="replace") as film:
             if not film.streams.video:
                 raise FormatError(f"{path} holds no film: one of MP4, AVI, MOV or MKV was expected")
             _check_size(path, film)
-            frames = list(_shown(path, film, colour))
+            for frame in _shown(path, film, colour):
+                content += frame.tobytes()
     except (av.FFmpegError, IndexError) as error:  # PyAV has no stream where a packet is of an unknown one
         raise _damaged(path, str(error)) from error
-    if not frames:
+    if frame is None:
         raise _damaged(path, "no frame is shown")
-    return np.stack(frames)
+    return np.frombuffer(content, frame.dtype).reshape(-1, *frame.shape)
 
 
 def _check_size(path: Path, film: Any) -> None:
@@ -47,28 +51,41 @@ def _shown(path: Path, film: Any, colour: bool) -> Iterator[np.ndarray]:
     """The frames of a film, as arrays; raises a FormatError if one is damaged or the last ones are missing."""
     stream = film.streams.video[0]
     stream.thread_type = "AUTO"
-    ends: list[float] = []  # in seconds, of packets of the film
+    ends: list[float] = []  # of frames, in seconds
     sound, cut = 0.0, False  # sound may go on after the film; an edit list cuts away what is discarded
     as_first: dict[str, Any] = {}
     for packet in film.demux(stream, *film.streams.audio):
-        end = None if packet.pts is None else float((packet.pts + (packet.duration or 0)) * packet.time_base)
-        if packet.stream_index != stream.index:
-            sound = max(sound, end or 0.0)
+        if packet.stream.index != stream.index:
+            sound = max(sound, _end(packet))
             continue
         if packet.is_corrupt:
             raise _damaged(path, "a part of it is incomplete")
-        if packet.is_discard:
-            cut = True
-        elif end is not None:
-            ends.append(end)
+        cut = cut or packet.is_discard
         for frame in packet.decode():
             as_first = as_first or {"width": frame.width, "height": frame.height, "format": _pixels(frame, colour)}
-            yield np.rot90(frame.reformat(**as_first).to_ndarray(), round(frame.rotation / 90))
+            ends.append(_end(frame))
+            yield _upright(frame, frame.reformat(**as_first).to_ndarray())
     end, declared = max(ends, default=0.0), _seconds(film, stream)
     frame = (end - min(ends, default=0.0)) / max(len(ends) - 1, 1)
     tolerance = (1.8 if cut else 0.8) * frame + 0.006  # a cut may part a frame; durations are rounded to 0.01 s
     if film.format.name != "avi" and max(end, sound) < declared - tolerance:
         raise FormatError(f"{path}: {end:.2f} of {declared:.2f} seconds can be read, the file seems truncated")
+
+
+def _end(shown: Any) -> float:
+    """Seconds at which a packet or a frame ends; 0 if it has no time."""
+    return 0.0 if shown.pts is None else float((shown.pts + (shown.duration or 0)) * shown.time_base)
+
+
+def _upright(frame: Any, pixels: np.ndarray) -> np.ndarray:
+    """Pixels (H, W) or (H, W, 3) of a frame as its matrix of display turns and mirrors them, by quarter turns."""
+    matrix = frame.side_data.get("DISPLAYMATRIX")
+    if matrix is None:
+        return pixels
+    (a, b, _), (c, d, _), _ = np.frombuffer(matrix, np.int32).reshape(3, 3).tolist()
+    across, down = (a, d) if abs(a) > abs(b) else (c, b)
+    pixels = pixels if abs(a) > abs(b) else pixels.swapaxes(0, 1)
+    return pixels[:: -1 if down < 0 else 1, :: -1 if across < 0 else 1]
 
 
 def _pixels(frame: Any, colour: bool) -> str:
@@ -85,8 +102,8 @@ def _pixels(frame: Any, colour: bool) -> str:
 
 def _seconds(film: Any, stream: Any) -> float:
     """Declared duration: of the stream, in MKV too, or of the whole film; 0 if it is not."""
-    if "DURATION" in stream.metadata:
-        hours, minutes, seconds = map(float, stream.metadata["DURATION"].split(":"))
+    if told := DURATION.match(stream.metadata.get("DURATION", "")):
+        hours, minutes, seconds = map(float, told.groups())
         return 3600 * hours + 60 * minutes + seconds
     return float(stream.duration * stream.time_base) if stream.duration else (film.duration or 0) / 1e6
 
@@ -109,8 +126,8 @@ def save(path: Path, frames: np.ndarray, fps: float) -> None:
         raise InputError(f"frames has shape {frames.shape}: {expected}")
     frames = np.ascontiguousarray(eight_bit(frames))
     exact = {".avi": ("rawvideo", "bgr24" if colour else "gray"), ".gif": ("gif", "pal8" if colour else "gray")}
-    rate = Fraction(fps).limit_denominator(1000)
     codec, pixels = exact.get(path.suffix.lower(), ("libx264", "yuv420p"))
+    rate = _rate(min(fps, 100) if codec == "gif" else fps)  # a GIF counts time in hundredths of a second
     if codec == "libx264":
         odd = [(0, n % 2) for n in frames.shape[1:3]]
         frames = np.pad(frames, [(0, 0), *odd, *[(0, 0)] * colour], mode="edge")
@@ -118,15 +135,23 @@ def save(path: Path, frames: np.ndarray, fps: float) -> None:
         with av.open(_url(path), "w") as film:
             stream = film.add_stream(codec, rate)
             stream.height, stream.width, stream.pix_fmt = *frames.shape[1:3], pixels
-            stream.options = {"crf": "12", "bf": "0"} if codec == "libx264" else {}
+            stream.options = {"crf": "12", "bf": "0"} if codec == "libx264" else {}  # B-frames need an edit list
             given = (av.VideoFrame.from_ndarray(frame, "rgb24" if colour else "gray") for frame in frames)
             for n, frame in enumerate(_with_palette(given) if pixels == "pal8" else given):
                 frame.pts, frame.time_base = n, 1 / rate
                 film.mux(stream.encode(frame))
             film.mux(stream.encode())
-    except av.FFmpegError as error:
+    except (av.FFmpegError, ValueError) as error:  # such as a codec that this build of ffmpeg lacks
         rows, columns = frames.shape[1:3]
         raise OSError(errno.EIO, f"{columns} x {rows} pixels could not be written as {codec}: {error}") from error
+
+
+def _rate(fps: float) -> Fraction:
+    """Frames per second as a fraction of two numbers of 31 bits."""
+    rate = Fraction(fps).limit_denominator(1000) if fps >= 1 else 1 / Fraction(1 / fps).limit_denominator(1000)
+    if max(rate.numerator, rate.denominator) >= 2**31:
+        raise InputError(f"fps is {fps:g}: a number between 1e-6 and 1e6 was expected")
+    return rate
 
 
 def _with_palette(frames: Iterator[Any]) -> Iterator[Any]:

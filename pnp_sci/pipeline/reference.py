@@ -45,7 +45,7 @@ class Reference:
         largest = float(array.max(initial=0))
         self.white = peak or white("reference", array.dtype, largest)
         self.guessed = ""
-        sure = array.dtype == np.uint8 or self.white in (1, np.iinfo("u2").max)
+        sure = array.dtype == np.uint8 or self.white == 1 or (array.dtype.kind == "u" and self.white == 65535)
         if peak is None and not sure:
             told = f"the reference has values up to {largest:g} in {array.dtype}: white is taken to be {self.white:g}"
             self.guessed = f"{told}; peak= says otherwise"

@@ -147,7 +147,7 @@ class Mosaic:
         for colour, plane, weight in zip(self.colours, _quarters(y.astype(np.float64)), _quarters(weights)):
             light[:, colour] += np.mean(plane**2), np.mean(weight)
         seen, through = np.sqrt(light)
-        brightness = np.divide(seen, through, out=np.zeros(3), where=through > 0)
+        brightness = np.divide(seen, through, out=np.zeros(3), where=through > 1e-6 * through.max())
         largest = brightness.max()
         return np.maximum(brightness / largest, DARKEST) if largest > 0 else np.ones(3)
 

@@ -10,7 +10,7 @@ from scipy.ndimage import binary_opening
 
 from pnp_sci._tuned import Tuned
 from pnp_sci._validate import require_finite, shaped
-from pnp_sci.errors import InputTypeError
+from pnp_sci.errors import InputError, InputTypeError
 from pnp_sci.sensing.light import light_of_frames
 from pnp_sci.sensing.operator import SensingOperator
 
@@ -101,6 +101,8 @@ def estimate_noise(
     if light is not None:
         light = shaped("light", light, (views, frames, 1, 1), np.dtype(np.float64))
         require_finite("light", light)
+        if light.min() < 0:
+            raise InputError(f"light has values down to {light.min():.3g}: values >= 0 were expected")
     else:
         light = light_of_frames(op, y, used if saturated is None else used & ~saturated)
     lights = [np.ones((views, frames))] + ([] if (light == 1).all() else [light[..., 0, 0]])

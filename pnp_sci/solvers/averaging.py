@@ -21,8 +21,9 @@ TUNED = AveragingNumbers()
 class RunningMean:
     """The mean of all iterates since averaging began, the n-th weighted with n (n + 1) ... (n + 4).
 
-    Each new measurement of motion or grouping of patches moves the iterates; the mean is nearer to the truth than the
-    last of them (O. Shamir & T. Zhang, "Stochastic gradient descent for non-smooth optimization", ICML 2013).
+    Each new measurement of motion, grouping of patches or shift of the wavelets moves the iterates; the mean is nearer
+    to the truth than the last of them (O. Shamir & T. Zhang, "Stochastic gradient descent for non-smooth
+    optimization", ICML 2013).
     """
 
     def __init__(self):

@@ -213,8 +213,8 @@ def test_no_bits_are_lost_in_any_format_of_pixels(tmp_path, pixels):
     assert np.abs(difference).max() <= 0.004 * GREY.max()  # ffmpeg rounds where it makes grey of colours
 
 
-@pytest.mark.parametrize("fps", [0.5, 1000, 12345])
-@pytest.mark.parametrize("suffix", ["mp4", "avi", "mkv", "mov"])
+@pytest.mark.parametrize("fps", [1e-4, 0.5, 1000, 12345])
+@pytest.mark.parametrize("suffix", ["mp4", "avi", "mkv", "mov", "gif"])
 def test_films_of_any_speed(tmp_path, fps, suffix):
     io.write_video(tmp_path / f"a.{suffix}", VIEWS[0] / 4095, fps)
     assert io.read(tmp_path / f"a.{suffix}").shape == VIEWS[0].shape
@@ -236,6 +236,26 @@ def test_films_with_sound(tmp_path, suffix, codec, seconds):
         path.write_bytes(whole[: int(part * len(whole))])
         with contextlib.suppress(FormatError):
             assert len(io.read(path)) == 10
+
+
+@pytest.mark.parametrize("suffix", ["mp4", "mkv"])
+def test_a_film_behind_its_sound(tmp_path, suffix):
+    levels = 10 * np.arange(25)
+    io.write(tmp_path / "a.avi", np.broadcast_to(levels[:, None, None], (25, 16, 24)).astype(np.uint8))
+    sound, coded = ["-f", "lavfi", "-t", "2.5", "-i", "sine"], ["-c:v", "libx264", "-bf", 4, "-crf", 10]
+    ffmpeg("-i", tmp_path / "a.avi", *sound, "-map", "1:a", "-map", "0:v", *coded, tmp_path / f"b.{suffix}")
+    read = io.read(tmp_path / f"b.{suffix}").mean((1, 2))
+    assert len(read) == 25
+    assert np.abs(read - levels).max() < 3
+
+
+@pytest.mark.parametrize("turned", [["-display_rotation", "90"], ["-display_rotation", "180"], ["-display_hflip"]])
+def test_a_film_is_read_as_it_is_shown(tmp_path, turned):
+    """The oracle is ffmpeg, which turns and mirrors frames."""
+    io.write(tmp_path / "a.mp4", np.repeat(np.arange(16 * 24, dtype=np.uint8).reshape(1, 16, 24) // 2, 3, 0))
+    ffmpeg(*turned, "-i", tmp_path / "a.mp4", "-c", "copy", tmp_path / "b.mp4")
+    ffmpeg("-i", tmp_path / "b.mp4", "-c:v", "rawvideo", "-pix_fmt", "gray", tmp_path / "c.avi")
+    np.testing.assert_array_equal(io.read(tmp_path / "b.mp4"), io.read(tmp_path / "c.avi"))
 
 
 def test_a_film_with_subtitles_that_stay(tmp_path):
