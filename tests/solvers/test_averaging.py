@@ -105,7 +105,7 @@ def test_the_guard_looks_at_the_iterates_and_not_at_the_mean(scene, grows, statu
     assert found[0] == found[1]
 
 
-@pytest.mark.parametrize("name", ["bm3d", "flow", "desci", "ffdnet", "video"])
+@pytest.mark.parametrize("name", ["bm3d", "flow", "desci", "ffdnet", "video", "wavelet", "tv+wavelet"])
 @pytest.mark.parametrize("frames", [1, 3])
 def test_which_priors_ask_for_it(name, frames):
     """Those that fluctuate; the images of `ffdnet` do not, but for its turns where there is a single frame."""
@@ -115,6 +115,6 @@ def test_which_priors_ask_for_it(name, frames):
     assert traits.average == ((name, frames) != ("ffdnet", 3))
 
 
-@pytest.mark.parametrize("name", ["tv", "wavelet", "tv+wavelet", "none"])
+@pytest.mark.parametrize("name", ["tv", "none"])
 def test_which_priors_do_not(name):
     assert not pnp_sci.as_prior(name).traits((1, 3, 32, 32)).average
