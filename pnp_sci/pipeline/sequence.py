@@ -95,13 +95,9 @@ def together(problems: Sequence[Problem]) -> Problem:
 
 def alike(problems: Sequence[Problem], same_noise: bool) -> list[Problem]:
     """Problems of measurements by one camera: all in the median of their units, with the median of estimated noise."""
-    units = [float(problem.unit) for problem in problems]
-    unit = float(np.median(units))
-    scales = [own / unit for own in units]
-    noises: list[Any] = [problem.noise * scale for problem, scale in zip(problems, scales)]
-    if same_noise:
-        noises = [float(np.median(noises))] * len(problems)
-    return [
-        replace(problem, y=problem.y * problem.y.dtype.type(scale), unit=unit, noise=noise)
-        for problem, scale, noise in zip(problems, scales, noises)
-    ]
+    unit = float(np.median([problem.unit for problem in problems]))
+    scaled = [replace(problem.scaled(unit / float(problem.unit)), unit=unit) for problem in problems]
+    if not same_noise:
+        return scaled
+    noise = float(np.median([problem.noise for problem in scaled]))
+    return [replace(problem, noise=noise) for problem in scaled]

@@ -23,6 +23,7 @@ from pnp_sci.pipeline.reference import Reference
 from pnp_sci.pipeline.request import Request, check_request
 from pnp_sci.pipeline.sequence import Window, alike, scene_of_all, windows
 from pnp_sci.pipeline.tiles import reconstruct_in_tiles
+from pnp_sci.pipeline.unit import in_unit_of_scene
 from pnp_sci.results.history import History, Status
 from pnp_sci.results.result import Result
 from pnp_sci.sensing.problem import Problem
@@ -93,12 +94,15 @@ def _posed(
     problems = given.problems(sensor, fits)
     if request.sequence == 1:
         for n, problem in enumerate(problems):
-            yield request, Window(range(n, n + 1), range(n, n + 1)), [problem.steady() if strong else problem]
+            if strong:
+                until = judged_until(_share_of_time(began, request.time_budget, 1, count - n))
+                problem = in_unit_of_scene([problem.steady()], until)[0]
+            yield request, Window(range(n, n + 1), range(n, n + 1)), [problem]
         return
     all_problems = alike(list(problems), sensor.read_noise == "auto")
-    if strong:
-        all_problems = [problem.steady() for problem in all_problems]
     until = judged_until(None if request.time_budget is None else began + request.time_budget)
+    if strong:
+        all_problems = in_unit_of_scene([problem.steady() for problem in all_problems], until)
     scene = scene_of_all(request.scene, all_problems, careful=strong, each_view=strong, until=until)
     all_problems = list(noise_of_still(all_problems, scene, request, until))
     for window in windows(count, request.sequence):

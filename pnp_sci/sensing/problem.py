@@ -92,6 +92,10 @@ class Problem:
         op = SensingOperator(self.op.masks * self.light.astype(self.op.dtype), self.op.dtype)
         return replace(self, op=op, unit=self.unit * self.light)
 
+    def scaled(self, factor: float) -> Problem:
+        """The problem in a unit that is larger by a factor."""
+        return replace(self, y=self.y / self.y.dtype.type(factor), unit=self.unit * factor, noise=self.noise / factor)
+
     def crop(self, where: tuple[slice, slice]) -> Problem:
         """The problem of a part of the picture, rows and columns."""
         pictures = {field.name: getattr(self, field.name) for field in fields(self) if field.name not in OF_FRAMES}

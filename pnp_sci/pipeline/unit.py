@@ -1,0 +1,58 @@
+"""The unit of a scene whose brightest parts are small or pass quickly."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from pnp_sci._tuned import Tuned
+from pnp_sci.plugins import registry
+from pnp_sci.scene.choose import QUICK
+from pnp_sci.sensing.problem import TUNED as UNIT
+from pnp_sci.sensing.problem import Problem, level
+from pnp_sci.solvers.iterate import iterate
+
+ROUNDS = 3  # estimates at most, each in the unit that the one before has found
+
+
+@dataclass(frozen=True)
+class SpanNumbers(Tuned):
+    """Parameters of the quick estimate that shows how far a video spans."""
+
+    iterations: int = 20
+    sigma: float = 0.2  # large, so that small things become bright within few iterations
+    usual: float = 1.25  # what a natural scene spans in the unit that y and the masks tell
+
+
+TUNED = SpanNumbers()
+
+
+def in_unit_of_scene(problems: Sequence[Problem], until: float = np.inf) -> list[Problem]:
+    """Problems of consecutive measurements, in a common unit that is large enough for the one in the middle.
+
+    Where the brightest parts of a scene are small, or are there in few frames only, such as particles in the dark, the
+    mean that y shows tells little of their brightness. In a unit that is too small a solver raises them slowly, and a
+    network sees values that it was not trained for. A quick estimate by total variation shows more of them. It does so
+    the better, the better its unit, so it is made again as long as it spans more than natural scenes do. After the
+    moment `until` of ``time.perf_counter`` none is begun.
+    """
+    tv, problems = registry.installed("priors", QUICK), list(problems)
+    for _ in range(ROUNDS if tv else 0):
+        if time.perf_counter() > until:
+            break
+        x = _quick(problems[len(problems) // 2], tv(still=False))  # type: ignore[misc]
+        spanned = float(np.quantile(x, 1 - UNIT.brighter)) / TUNED.usual
+        if not 1 < spanned < np.inf:
+            break
+        problems = [problem.scaled(spanned) for problem in problems]
+    return problems
+
+
+def _quick(problem: Problem, prior: object) -> np.ndarray:
+    op, y = problem.op, problem.y
+    noise, sigma, saturated = problem.noise, TUNED.sigma, problem.saturated
+    states = iterate(op, y, prior, level(op, y), noise=noise, sigma=sigma, saturated=saturated)
+    return next(state.x for state in states if state.iteration == TUNED.iterations)
