@@ -117,24 +117,21 @@ def predict_errors(
     """errors <- the predicted errors of videos, by a second solve; a remark where they cannot be said."""
     from pnp_sci.pipeline.uncertainty import held_back, uncertainty, without_pixels
 
-    init = request.init if isinstance(request.init, str) else "adjoint"  # a video knows the pixels that are held back
-    same = replace(request, scene=outcome.model or request.scene, init=init)
-    hidden = {n: held_back(problem) for n, problem in zip(window.seen, problems)}
-    second: np.ndarray | None = None
-    if outcome.status.ok and outcome.model is not None and all(pixels is not None for pixels in hidden.values()):
-        second = np.empty_like(videos)
-        told = outcome.problems[0].noise
-        same_noise = [replace(p, noise=told, estimated=False) if p.estimated else p for p in problems]
-        others = [without_pixels(problem, hidden[n]) for n, problem in zip(window.seen, same_noise)]  # type: ignore[arg-type]
+    hidden = [held_back(problem) for problem in problems]
+    second = np.full_like(videos, np.nan)
+    if outcome.status.ok and all(pixels is not None for pixels in hidden):
+        init = request.init if isinstance(request.init, str) else "adjoint"  # a video knows the hidden pixels
+        same = replace(request, scene=outcome.model or request.scene, init=init)
+        noise = outcome.problems[0].noise
+        told = [replace(p, noise=noise, estimated=False) if p.estimated else p for p in problems]
+        others = [without_pixels(*pair) for pair in zip(told, hidden)]  # type: ignore[arg-type]
         reconstruct_in_tiles(others, same, second, window=window, deadline=deadline, watch=Watch(None))
-    for k, (n, problem) in enumerate(zip(window.kept, outcome.problems)):
-        found = None
-        if second is not None:
-            unit = np.asarray(problem.unit, videos.dtype)
-            found = uncertainty(problem, hidden[n], videos[k] / unit, second[k] / unit)  # type: ignore[arg-type]
+    for k, (problem, pixels) in enumerate(zip(outcome.problems, window.of_kept(hidden))):
+        unit = np.asarray(problem.unit, videos.dtype)
+        found = uncertainty(problem, pixels, videos[k] / unit, second[k] / unit)  # type: ignore[arg-type]
         if found is None:
-            told = "uncertainty: unknown, as the solve failed or too few pixels can be held back"
-            outcome.scenes[k]["remarks"].append(told)
+            text = "uncertainty: unknown, as the solve failed or too few pixels can be held back"
+            outcome.scenes[k]["remarks"].append(text)
         else:
             np.multiply(found, problem.unit, out=errors[k], casting="unsafe")
 
