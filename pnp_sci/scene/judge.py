@@ -175,13 +175,10 @@ class _Comparison:
 
     def __init__(self, problem: Problem, quick: Prior, until: float, look: int):
         self.quick, self.look = quick, look
-        hidden = np.random.default_rng(0).random(problem.y.shape) < HELD_BACK
-        seen = ~hidden
+        held_back, usable = np.random.default_rng(0).random(problem.y.shape) < HELD_BACK, problem.usable
         # if fewer pixels are saturated than held back, the held-back ones are still a random choice
         self.by_chance = problem.saturated is None or problem.saturated.mean() < HELD_BACK
-        for unknown in (problem.saturated, problem.bad):
-            if unknown is not None:
-                hidden, seen = hidden & ~unknown, seen & ~unknown
+        seen, hidden = usable & ~held_back, usable & held_back
         self.pixels = _Pixels(problem.op, problem.y, seen, hidden, problem.typical_noise, until)
         self._known: dict[SceneModel, tuple[np.ndarray, np.ndarray]] = {}
 
