@@ -36,9 +36,9 @@ def solve_all(y: Any, masks: Any, reference: Any, peak: float | None, options: d
     began = time.perf_counter()
     given = Input.of(y, masks, options.pop("bad"), options.pop("mosaic"))
     options["init"] = given.modelled(options["init"])
-    op, count = given.op, len(given.measurements)
+    op, count, several = given.op, len(given.measurements), np.ndim(y) == 3
     request = check_request(op, count, **options, mosaic=given.mosaic)
-    if (options["sequence"] is True or request.sequence > 1) and np.ndim(y) != 3:
+    if (options["sequence"] is True or request.sequence > 1) and not several:
         raise InputError(f"sequence is {options['sequence']}, but y has shape {np.shape(y)}: (N, H, W) was expected")
     peak = None if peak is None else positive_number("peak", peak)
     colours = () if given.mosaic is None else (3,)
@@ -67,12 +67,12 @@ def solve_all(y: Any, masks: Any, reference: Any, peak: float | None, options: d
     scenes = [scene for outcome in outcomes for scene in outcome.scenes]
     videos = given.shown(videos)
     return Result(
-        videos if np.ndim(y) == 3 else videos[0],
+        videos if several else videos[0],
         Status.worst([outcome.status for outcome in outcomes]),
         History(record for outcome in outcomes for record in outcome.records),
         package_settings(request, outcomes) | provenance(y, masks, given.largest, problems, began),
         [given.found(scene, fit, remarks) for scene, fit in zip(scenes, fits)],
-        errors if errors is None or np.ndim(y) == 3 else errors[0],
+        errors if errors is None or several else errors[0],
     )
 
 

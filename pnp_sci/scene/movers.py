@@ -75,13 +75,14 @@ class Tracks(NamedTuple):
 
         All frames at rest are one more run if it says anything (`whole`).
         """
-        runs = [(start, 2**k, (0, 0)) for k in range(frames.bit_length()) for start in _starts(frames, 2**k)]
-        runs = [run for run in runs if run[1] < frames] + [(0, frames, (0, 0))] * whole
+        shorter = [2**k for k in range((frames - 1).bit_length())]
+        runs = [(start, length, (0, 0)) for length in shorter for start in _starts(frames, length)]
+        runs += [(0, frames, (0, 0))] * whole
         speeds = [(y, x) for y in range(1 - SIDE, SIDE) for x in range(1 - SIDE, SIDE) if (y, x) != (0, 0)]
         long = min(frames, LONG)
         runs += [(start, long, speed) for start in _starts(frames, long) for speed in speeds if long > 1]
-        speed = np.array([run[2] for run in runs], np.int64).reshape(-1, 2)
-        return cls(speed, np.array([run[0] for run in runs]), np.array([run[1] for run in runs]))
+        first, length, speed = (np.array([run[field] for run in runs], np.int64) for field in range(3))
+        return cls(speed.reshape(-1, 2), first, length)
 
     @property
     def moving(self) -> np.ndarray:
