@@ -107,11 +107,13 @@ class Case:
         if not Path(file).exists():
             raise InputError(f"case is {file!r}: a file, or one of these was expected: {', '.join(_SCENES)}")
         y, masks = io.read_measurement(file, self.key), io.read_masks(self.masks or file, self.views, self.masks_key)
-        if self.reference_key is None and "x" not in {entry.key for entry in io.describe(file)}:
+        key = self.reference_key or "x"
+        if self.reference_key is None and key not in {entry.key for entry in io.describe(file)}:
             return datasets.Scene(file, y, masks, None, None)
-        truth = io.read_video(file, masks.shape[-4], self.reference_key or "x")
-        if (largest := white("x", truth.dtype, float(truth.max()))) != 1:
-            y, truth = y / np.float32(largest), truth / np.float32(largest)
+        truth = io.read_video(file, masks.shape[-4], key)
+        largest = white("x", truth.dtype, float(truth.max()))
+        if largest != 1:
+            y, truth = (a / np.float32(largest) for a in (y, truth))
         return datasets.Scene(file, y, masks, truth, None)
 
 

@@ -182,11 +182,11 @@ def compare(
     with told():
         trials = tuple(task.attempt(method) for method in bar(methods, desc="compare", shown=progress, leave=False))
     if task.truth is not None:
-        return Comparison(
-            task.y, trials, task.truth.array[0] / task.truth.white, task.truth.white, task.facts(), task.fit
-        )
-    whites = [trial.result.white for trial in trials if trial.result is not None]
-    return Comparison(task.y, trials, None, float(np.median(whites)) if whites else 1.0, task.facts(), task.fit)
+        truth, white = task.truth.array[0] / task.truth.white, task.truth.white
+    else:
+        whites = [trial.result.white for trial in trials if trial.result is not None]
+        truth, white = None, float(np.median(whites or [1.0]))
+    return Comparison(task.y, trials, truth, white, task.facts(), task.fit)
 
 
 @dataclass(frozen=True, eq=False)

@@ -49,23 +49,26 @@ class Source:
 
     def python(self) -> str:
         """Python code that reads both files."""
-        y = _call("io.read_measurement", repr(str(self.measurement)), key=self.key)
+        lines = ["import pnp_sci", "from pnp_sci import io", ""]
         chosen = "" if self.index is None else f"[{self.index}]"
-        masks = _call("io.read_masks", repr(str(self.masks)), views=self.views, key=self.masks_key)
-        bad = {None: "", "auto": "bad = 'auto'\n"}.get(self.bad, f"bad = io.read({self.bad!r}) != 0\n")
-        if chosen and self.bad not in (None, "auto"):
-            bad += f"bad = bad{chosen} if bad.ndim == 3 else bad\n"
-        made = ""
+        y = _call("io.read_measurement", repr(str(self.measurement)), key=self.key)
         if self.calibration is not None:
-            made = f"calibration = pnp_sci.Calibration.load({str(self.calibration)!r})\n"
+            lines.append(f"calibration = pnp_sci.Calibration.load({str(self.calibration)!r})")
             if self.full_scale is not None:
-                made += f"calibration = dataclasses.replace(calibration, full_scale={self.full_scale})\n"
+                lines = ["import dataclasses", "", *lines]
+                lines.append(f"calibration = dataclasses.replace(calibration, full_scale={self.full_scale})")
             y = f"calibration.correct({y})"
-            if self.bad not in (None, "auto"):
-                bad += "if bad.shape != y.shape:\n    bad = calibration.cropped('bad', bad)\n"
-        read = f"{made}y = {y}{chosen}\nmasks = {masks}{chosen * self.each}\n{bad}"
-        more = "import dataclasses\n\n" * ("dataclasses" in made)
-        return f"{more}import pnp_sci\nfrom pnp_sci import io\n\n{read}"
+        masks = _call("io.read_masks", repr(str(self.masks)), views=self.views, key=self.masks_key)
+        lines += [f"y = {y}{chosen}", f"masks = {masks}{chosen * self.each}"]
+        if self.bad == "auto":
+            lines.append("bad = 'auto'")
+        elif self.bad is not None:
+            lines.append(f"bad = io.read({self.bad!r}) != 0")
+            if chosen:
+                lines.append(f"bad = bad{chosen} if bad.ndim == 3 else bad")
+            if self.calibration is not None:
+                lines += ["if bad.shape != y.shape:", "    bad = calibration.cropped('bad', bad)"]
+        return "\n".join([*lines, ""])
 
     def command(self) -> list[str]:
         """Words of the command line before the options of the method."""

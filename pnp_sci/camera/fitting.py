@@ -37,8 +37,8 @@ class Pixels:
         Good ones that do not follow the light.
     clipped : ndarray
         Saturated, or in the pile.
-    saturated : ndarray or None
-        Those that the sensor says; None if it says none.
+    saturated : ndarray
+        Those that the sensor says.
     pile : (float, float) or None
         Lowest and highest value of a pile at the upper end, in the units of the measurement.
     few : bool
@@ -49,7 +49,7 @@ class Pixels:
     hot: np.ndarray
     dead: np.ndarray
     clipped: np.ndarray
-    saturated: np.ndarray | None
+    saturated: np.ndarray
     pile: tuple[float, float] | None
     few: bool = False
 
@@ -78,18 +78,17 @@ class Masks:
 
     def fit(self, y: np.ndarray, sensor: Sensor, bad: np.ndarray | None, warn_of_bad: bool) -> Fit:
         """How y (H, W) fits; `bad` pixels (H, W) must be 0 in it."""
-        good, saturated = np.ones(y.shape, bool) if bad is None else ~bad, sensor.saturated(y)
-        usable = good if saturated is None else good & ~saturated
-        stuck = np.zeros(y.shape, bool) if self.signed else stuck_lines(y, self.sums, usable)
+        nothing = np.zeros(y.shape, bool)
+        good, full = ~(nothing if bad is None else bad), sensor.saturated(y)
+        saturated = nothing if full is None else full
+        stuck = nothing if self.signed else stuck_lines(y, self.sums, good & ~saturated)
         fit = self._fit(np.where(stuck, 0, y), sensor, good & ~stuck, saturated, warn_of_bad)
         if not stuck.any() or any(f.kind in OTHERS for f in fit.findings):
             return fit
         found = (stuck_at(y[stuck]), *fit.findings) if warn_of_bad else fit.findings
         return replace(fit, stuck=stuck, findings=found)
 
-    def _fit(
-        self, y: np.ndarray, sensor: Sensor, good: np.ndarray, saturated: np.ndarray | None, warn_of_bad: bool
-    ) -> Fit:
+    def _fit(self, y: np.ndarray, sensor: Sensor, good: np.ndarray, saturated: np.ndarray, warn_of_bad: bool) -> Fit:
         """How the good pixels of y (H, W), which is 0 in the others, fit; no line of it is stuck."""
         height, nothing = float(np.abs(y).max()), np.zeros(y.shape, bool)
         fit = Fit(hot=nothing, dead=nothing, stuck=nothing)
@@ -107,12 +106,11 @@ class Masks:
         fit = replace(fit, hot=pixels.hot, dead=pixels.dead, findings=findings, full_scale=full_scale)
         return self._by_code(fit, scaled * left, height, left, pixels)
 
-    def _pixels(self, y: np.ndarray, height: float, good: np.ndarray, saturated: np.ndarray | None) -> Pixels:
+    def _pixels(self, y: np.ndarray, height: float, good: np.ndarray, saturated: np.ndarray) -> Pixels:
         """The pixels of y (H, W), in units of its `height`; hot groups are told from a pile, and may be in its way."""
         if has_few_values(y[good], self.weight[good]):
             nothing = np.zeros(y.shape, bool)
-            clipped = nothing if saturated is None else saturated
-            return Pixels(good, nothing, nothing, clipped, saturated, None, few=True)
+            return Pixels(good, nothing, nothing, saturated, saturated, None, few=True)
         hot, dead = self._outliers(y, good, saturated)
         pixels = self._with_pile(y, height, good, hot, dead, saturated)
         if self.signed:
@@ -121,20 +119,19 @@ class Masks:
         return self._with_pile(y, height, good, hot | groups, dead, saturated) if groups.any() else pixels
 
     def _with_pile(self, y, height, good, hot, dead, saturated) -> Pixels:
-        left, clipped = good & ~hot & ~dead, np.zeros(y.shape, bool) if saturated is None else saturated
+        left = good & ~hot & ~dead
         found = pile(y[left], self.weight[left])
         if found is None:
-            return Pixels(good, hot, dead, clipped, saturated, None)
+            return Pixels(good, hot, dead, saturated, saturated, None)
         low, top = found
-        return Pixels(good, hot, dead, clipped | (y >= low), saturated, (low * height, top * height))
+        return Pixels(good, hot, dead, saturated | (y >= low), saturated, (low * height, top * height))
 
-    def _outliers(self, y: np.ndarray, good: np.ndarray, saturated: np.ndarray | None) -> tuple[np.ndarray, np.ndarray]:
+    def _outliers(self, y: np.ndarray, good: np.ndarray, saturated: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Hot and dead pixels; where views differ in brightness, each weighs as it is bright."""
         below = many = np.zeros(y.shape, bool)
         if not self.signed:
             below = negative(y, good)
-            usable = good & ~below if saturated is None else good & ~below & ~saturated
-            many = scattered_hot(y, self.weight, self.masks, usable)
+            many = scattered_hot(y, self.weight, self.masks, good & ~below & ~saturated)
         good = good & ~below & ~many
         hot, dead = outliers(y, self.weight, good)
         if len(self.sums) > 1 and not self.signed and (hot.any() or dead.any()):

@@ -112,9 +112,8 @@ def _stuck(y: np.ndarray, weight: np.ndarray, usable: np.ndarray, value: float) 
     """
     usable = usable & (weight > 0)
     others, stuck = usable & (y != value), usable & (y == value)
-    if (
-        stuck.sum() <= (value < 0) or not others.any() or np.mean(y[others] < 0) > FEW
-    ):  # about 0, it is a value like others
+    by_chance = others.any() and np.mean(y[others] < 0) > FEW  # about 0, it is a value like others
+    if stuck.sum() <= (value < 0) or not others.any() or by_chance:
         return np.zeros(y.shape, bool)
     light, size = expected(y, weight, others), np.abs(y)
     dark = others & (size <= np.quantile(size[others], TAIL / 2))

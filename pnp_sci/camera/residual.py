@@ -26,9 +26,7 @@ def unexplained(problem: Problem) -> np.ndarray:
     an exponential tail, as in :func:`pnp_sci.camera.outliers.outliers`. What lies beyond is left out if it is more than
     what good pixels leave there.
     """
-    known = problem.op.gram > 0
-    for unused in (problem.saturated, problem.bad):
-        known = known if unused is None else known & ~unused
+    known = problem.usable & (problem.op.gram > 0)
     prior: Any = registry.installed("priors", PRIOR)
     if prior is None or known.sum() < 4 * tail_size(known.size):
         return np.zeros(known.shape, bool)

@@ -81,7 +81,7 @@ def beyond(top: float, sensor: Sensor) -> list[Finding]:
 def saturation(y, low, top, sensor, saturated) -> list[Finding]:
     """The finding of a pile from `low` to `top` that the sensor does not take for saturated."""
     there = y >= low
-    if saturated is not None and np.count_nonzero(saturated & there) >= KNOWN * np.count_nonzero(there):
+    if saturated.any() and np.count_nonzero(saturated & there) >= KNOWN * np.count_nonzero(there):
         return []
     where = (
         f"at exactly its largest value, {top:.7g}"

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any
 import click
 
 from pnp_sci.cli.kinds import FIGURE, FOLDER, Command, Output
-from pnp_sci.cli.options import interactive, words
+from pnp_sci.cli.options import grid_options, interactive, words
 from pnp_sci.errors import SolverError
 
 if TYPE_CHECKING:
@@ -43,11 +43,7 @@ def _place(context: click.Context, option: click.Parameter, path: Path | None) -
 @click.option("--noise", callback=_numbers(float), help="Measure anew with noise, in parts of the largest y; a,b.")
 @click.option("--frames", callback=_numbers(int), help="Measure anew the first frames of each view; a,b.")
 @click.option("--priors", default="tv", show_default=True, help="Comma-separated; a+b joins two; may be empty.")
-@click.option("--inits", default="auto", show_default=True, help="Comma-separated first estimates.")
-@click.option("--algorithms", default="gap", show_default=True, help="Comma-separated: gap, plain-gap, admm.")
-@click.option("--efforts", default="balanced", show_default=True, help="Comma-separated: fast, balanced, best.")
-@click.option("--decoders", default="", help="Comma-separated networks that decode alone.")
-@click.option("--iterations", type=click.IntRange(min=1), help="At most so many.  [default: as the effort says]")
+@grid_options
 @click.option("--repeat", default=1, show_default=True, type=click.IntRange(min=1), help="Timings of each row.")
 @click.option("--paper", is_flag=True, is_eager=True, help="The paper's tables, ours beside theirs; see docs/results.")
 @click.option(

@@ -9,7 +9,7 @@ import click
 
 from pnp_sci.cli.inputs import calibrated, masks_for, of_one, one_of, true_video
 from pnp_sci.cli.kinds import FILE, PAGE, SEED, Command, Output
-from pnp_sci.cli.options import bad_pixels, camera, camera_options, interactive, words
+from pnp_sci.cli.options import bad_pixels, camera, camera_options, file_options, grid_options, interactive, words
 
 if TYPE_CHECKING:
     from pnp_sci.bench import Comparison, Trial
@@ -17,20 +17,12 @@ if TYPE_CHECKING:
 
 @click.command(cls=Command)
 @click.argument("measurement", type=FILE)
-@click.option("--masks", "masks_file", type=FILE, help="File with the masks.  [default: the measurement's]")
-@click.option("--calibration", type=FILE, help="File of `pnp-sci calibrate`: masks, dark frame, bad pixels.")
-@click.option("--views", type=click.IntRange(min=1), help="How many views share the planes of the masks.")
-@click.option("--key", help="Name of the measurement in its file, where it cannot be told.")
-@click.option("--masks-key", help="Name of the masks in their file, where it cannot be told.")
+@file_options
 @click.option("--index", type=click.IntRange(min=0), help="Of several measurements, this one (from 0).  [default: 0]")
 @click.option("--truth", "--reference", "truth_file", type=FILE, help="The true video: PSNR, SSIM, error maps.")
 @click.option("--reference-key", help="Name of the true video in its file, where it cannot be told.")
 @click.option("--priors", default="tv,wavelet,flow", show_default=True, help="Comma-separated; a+b joins two.")
-@click.option("--inits", default="auto", show_default=True, help="Comma-separated first estimates.")
-@click.option("--algorithms", default="gap", show_default=True, help="Comma-separated: gap, plain-gap, admm.")
-@click.option("--efforts", default="balanced", show_default=True, help="Comma-separated: fast, balanced, best.")
-@click.option("--decoders", default="", help="Comma-separated networks that decode alone.")
-@click.option("--iterations", type=click.IntRange(min=1), help="At most so many.  [default: as the effort says]")
+@grid_options
 @camera_options
 @click.option("--device", help="For priors that are networks, such as cuda.")
 @click.option("--seed", default=0, type=SEED, show_default=True, help="For priors that draw random numbers.")

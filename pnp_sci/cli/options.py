@@ -5,17 +5,17 @@ from __future__ import annotations
 import inspect
 import json
 import sys
+from collections.abc import Callable
+from functools import reduce
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import click
 
-from pnp_sci.cli.kinds import POSITIVE
+from pnp_sci.cli.kinds import FILE, POSITIVE
 from pnp_sci.errors import InputError
 
 if TYPE_CHECKING:
-    from collections.abc import Callable
-
     from pnp_sci.sensing.sensor import Sensor
 
 OF_SOLVE = {"scene", "sigma", "tol", "threads"}  # arguments of `solve` that --option takes, unless a command has them
@@ -26,36 +26,64 @@ def interactive() -> bool:
     return sys.stderr is not None and sys.stderr.isatty()
 
 
-def solver_options(command: Callable) -> Callable:
-    """Options of :func:`pnp_sci.solve` for a command that solves."""
-    prior = "One of `pnp-sci priors`, a+b, or stages a:60,b:20."
-    first = "First estimate; auto: a network's for learned priors."
-    more = "Option of the prior, or scene, sigma or tol of solve; may be repeated."
-    for option in (
-        click.option("--option", "options", multiple=True, metavar="KEY=VALUE", help=more),
-        click.option("--iterations", type=click.IntRange(min=1), help="At most so many."),
-        click.option("--effort", default="balanced", show_default=True, help="fast, balanced or best."),
-        click.option("--init", default="auto", show_default=True, help=first),
-        click.option("--algorithm", default="gap", show_default=True, help="gap, plain-gap or admm."),
-        click.option("--prior", default="tv", show_default=True, help=prior),
-    ):
-        command = option(command)
-    return command
+def _several(*options: Callable) -> Callable[[Callable], Callable]:
+    """A decorator that gives a command all of these options, in this order."""
+    return lambda command: reduce(lambda decorated, option: option(decorated), reversed(options), command)
 
 
-def camera_options(command: Callable) -> Callable:
-    """The options that :func:`camera` and :func:`bad_pixels` take, for a command."""
-    bad = "Picture that is not 0 in bad pixels, which are not used; or auto: hot, dead and stuck ones are found."
-    noise = "Standard deviation of the noise, with --gain of that in the dark, in units of y; or auto."
-    for option in (
-        click.option("--bad", metavar="FILE|auto", help=bad),
-        click.option("--bits", type=click.IntRange(1, 32), help="Grey levels of the camera, up to --full-scale."),
-        click.option("--full-scale", type=POSITIVE, help="The camera's largest value: pixels there are saturated."),
-        click.option("--gain", type=POSITIVE, help="Units of y an electron, for photon noise.  [default: none]"),
-        click.option("--noise", default="auto", show_default=True, help=noise),
-    ):
-        command = option(command)
-    return command
+# Files of the measurement and of its masks.
+file_options = _several(
+    click.option("--masks", "masks_file", type=FILE, help="File with the masks.  [default: the measurement's]"),
+    click.option("--calibration", type=FILE, help="File of `pnp-sci calibrate`: masks, dark frame, bad pixels."),
+    click.option("--views", type=click.IntRange(min=1), help="How many views share the planes of the masks."),
+    click.option("--key", help="Name of the measurement in its file, where it cannot be told."),
+    click.option("--masks-key", help="Name of the masks in their file, where it cannot be told."),
+)
+
+# Options of `solve`.
+solver_options = _several(
+    click.option("--prior", default="tv", show_default=True, help="One of `pnp-sci priors`, a+b, or stages a:60,b:20."),
+    click.option("--algorithm", default="gap", show_default=True, help="gap, plain-gap or admm."),
+    click.option(
+        "--init", default="auto", show_default=True, help="First estimate; auto: a network's for learned priors."
+    ),
+    click.option("--effort", default="balanced", show_default=True, help="fast, balanced or best."),
+    click.option("--iterations", type=click.IntRange(min=1), help="At most so many."),
+    click.option(
+        "--option",
+        "options",
+        multiple=True,
+        metavar="KEY=VALUE",
+        help="Option of the prior, or scene, sigma or tol of solve; may be repeated.",
+    ),
+)
+
+# What `bench.grid` combines, but the priors, whose default differs.
+grid_options = _several(
+    click.option("--inits", default="auto", show_default=True, help="Comma-separated first estimates."),
+    click.option("--algorithms", default="gap", show_default=True, help="Comma-separated: gap, plain-gap, admm."),
+    click.option("--efforts", default="balanced", show_default=True, help="Comma-separated: fast, balanced, best."),
+    click.option("--decoders", default="", help="Comma-separated networks that decode alone."),
+    click.option("--iterations", type=click.IntRange(min=1), help="At most so many.  [default: as the effort says]"),
+)
+
+# What `camera` and `bad_pixels` take.
+camera_options = _several(
+    click.option(
+        "--noise",
+        default="auto",
+        show_default=True,
+        help="Standard deviation of the noise, with --gain of that in the dark, in units of y; or auto.",
+    ),
+    click.option("--gain", type=POSITIVE, help="Units of y an electron, for photon noise.  [default: none]"),
+    click.option("--full-scale", type=POSITIVE, help="The camera's largest value: pixels there are saturated."),
+    click.option("--bits", type=click.IntRange(1, 32), help="Grey levels of the camera, up to --full-scale."),
+    click.option(
+        "--bad",
+        metavar="FILE|auto",
+        help="Picture that is not 0 in bad pixels, which are not used; or auto: hot, dead and stuck ones are found.",
+    ),
+)
 
 
 def camera(noise: str, gain: float | None, full_scale: float | None, bits: int | None) -> str | float | Sensor:

@@ -9,17 +9,22 @@ import click
 
 from pnp_sci.cli.inputs import calibrated, masks_for, one_of, usable_truth
 from pnp_sci.cli.kinds import FILE, POSITIVE, SEED, Command, Output
-from pnp_sci.cli.options import bad_pixels, camera, camera_options, interactive, pairs, solver_options, stages
+from pnp_sci.cli.options import (
+    bad_pixels,
+    camera,
+    camera_options,
+    file_options,
+    interactive,
+    pairs,
+    solver_options,
+    stages,
+)
 from pnp_sci.cli.outputs import SAVED, SHOWN, White, check_white, named, print_scores, save_somewhere
 
 
 @click.command(cls=Command)
 @click.argument("measurement", type=FILE)
-@click.option("--masks", "masks_file", type=FILE, help="File with the masks.  [default: the measurement's]")
-@click.option("--calibration", type=FILE, help="File of `pnp-sci calibrate`: masks, dark frame, bad pixels.")
-@click.option("--views", type=click.IntRange(min=1), help="How many views share the planes of the masks.")
-@click.option("--key", help="Name of the measurement in its file, where it cannot be told.")
-@click.option("--masks-key", help="Name of the masks in their file, where it cannot be told.")
+@file_options
 @click.option("--index", type=click.IntRange(min=0), help="Of several measurements, this one (from 0).")
 @solver_options
 @camera_options

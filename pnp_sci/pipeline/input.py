@@ -123,19 +123,16 @@ class Input:
         """Each measurement posed as a problem, without its bad pixels."""
         left_out: tuple[SensingOperator, np.ndarray, SensingOperator] | None = None  # many measurements share it
         for n, (whole, y, fit) in enumerate(zip(self.each, self.measurements, fits)):
-            bad = None if self.bad is None or not self.bad[n].any() else self.bad[n]
-            if self.find_bad and fit.bad.any():
-                bad = fit.bad if bad is None else bad | fit.bad
-            op = whole
-            if bad is not None:
-                if left_out is None or left_out[0] is not whole or not np.array_equal(bad, left_out[1]):
-                    left_out = whole, bad, without(whole, bad)
-                op = left_out[2]
-            problem = pose(op, self.largest, y, sensor, bad)
+            bad = np.zeros(y.shape, bool) if self.bad is None else self.bad[n]
+            if self.find_bad:
+                bad = bad | fit.bad
+            if left_out is None or left_out[0] is not whole or not np.array_equal(bad, left_out[1]):
+                left_out = whole, bad, without(whole, bad)
+            problem = pose(left_out[2], self.largest, y, sensor, bad if bad.any() else None)
             for _ in range(PASSES if self.find_bad else 0):  # what is left out no longer misleads the estimate
                 if not (faint := unexplained(problem)).any():
                     break
-                bad = faint if bad is None else bad | faint
+                bad = bad | faint
                 problem = pose(without(whole, bad), self.largest, y, sensor, bad)
             yield problem if self.mosaic is None else replace(problem, balance=self._gains)
 

@@ -16,7 +16,7 @@ from pnp_sci.pipeline.progress import Watch
 from pnp_sci.pipeline.reference import Reference
 from pnp_sci.pipeline.request import Request
 from pnp_sci.pipeline.sequence import Window, together
-from pnp_sci.pipeline.start import Start, first_estimate, may_decode
+from pnp_sci.pipeline.start import first_estimate, may_decode
 from pnp_sci.pipeline.unseen import Unseen
 from pnp_sci.plugins.combine import InTurn
 from pnp_sci.results.history import Record, Status
@@ -88,52 +88,49 @@ def reconstruct(
 
     The videos of those that are kept go to `out` (N, V, B, H, W), in the user's units.
     """
-    op = problems[0].op
+    op, backend = problems[0].op, request.backend
     traits = request.prior.traits(op.shape)
     scene = choose_scene(request.scene, problems[0], traits.strong, traits.strong, judged_until(deadline))
     problems = noise_of_still(problems, scene, request, judged_until(deadline))
+    kept_problems = window.of_kept(problems)
     joint = together(problems)
-    reduced = scene.reduce(joint.op)
-    begin = _first(problems, request, window, scene, may_decode(traits, deadline), deadline)
-    name, decoded, x, remarks = begin.name, begin.decoded, begin.x, begin.remarks
-    del begin  # the first estimate is freed after the first step, but for a decoder's
-    plan, backend = _plan(request, reduced, joint, decoded, deadline), request.backend
-    told = Unseen(joint, reduced, plan, traits.strong and request.sigma is None, backend)
+    modelled = scene.reduce(joint.op)
+    x, name, decoded, remarks = _first(problems, request, window, scene, may_decode(traits, deadline), deadline)
+    plan = _plan(request, modelled, joint, decoded, deadline)
+    unseen = Unseen(joint, modelled, plan, traits.strong and request.sigma is None, backend)
     watch.expect(plan.iterations)
 
-    def kept(x: np.ndarray) -> list[np.ndarray]:
-        videos = split(x, len(problems))
-        return [scene.expand(videos[n - window.seen.start], op.shape) for n in window.kept]
+    def videos(x: Array) -> list[np.ndarray]:
+        return [scene.expand(video, op.shape) for video in window.of_kept(split(backend.get(x), len(problems)))]
 
-    def score(x: Array) -> float | None:
-        if truth is None:
-            return None
-        videos = zip(kept(backend.get(x)), window.kept, window.of_kept(problems))
-        return float(np.mean([truth.psnr(v, n, problem.unit) for v, n, problem in videos]))
+    def psnr(x: Array) -> float:
+        of_each = zip(videos(x), window.kept, kept_problems)
+        return float(np.mean([truth.psnr(video, n, problem.unit) for video, n, problem in of_each]))  # type: ignore[union-attr]
 
     with backend.running():
-        session = InTurn(plan.serves, reduced.shape, reduced.dtype, backend.device)
-        phi, y, x, saturated = backend.operator(reduced), *map(backend.put, (joint.y, x, joint.saturated))
+        session = InTurn(plan.serves, modelled.shape, modelled.dtype, backend.device)
+        phi, y, x, saturated = backend.operator(modelled), *map(backend.put, (joint.y, x, joint.saturated))
         schedule = replace(plan.schedule, product=backend.put(plan.schedule.product))
         finish = _Finish(joint, phi, y, session, x if decoded else None)
-        iterates = states(phi, y, session, x, ALGORITHMS[plan.algorithm], schedule, saturated, told)
-        del x
+        iterates = states(phi, y, session, x, ALGORITHMS[plan.algorithm], schedule, saturated, unseen)
+        del x  # freed after the first step, but for a decoder's
         state, status, records = run(
-            iterates, y, told.during(plan), watch,
-            noise=joint.typical_noise, most=held(reduced, joint.y), score=score, saturated=saturated, finish=finish,
+            iterates, y, unseen.during(plan), watch,
+            noise=joint.typical_noise, most=held(modelled, joint.y), score=psnr if truth else None,
+            saturated=saturated, finish=finish,
         )  # fmt: skip
-        remember(plan, reduced.shape, [record.seconds for record in records], finish.seconds, backend)
-        for video, own, problem in zip(kept(backend.get(state.x)), out, window.of_kept(problems)):
+        remember(plan, modelled.shape, [record.seconds for record in records], finish.seconds, backend)
+        for video, own, problem in zip(videos(state.x), out, kept_problems):
             put(video, own, problem.unit)
         facts = session.facts()
-    own = [told.of(problem) for problem in window.of_kept(problems)]
+    solved = [unseen.of(problem) for problem in kept_problems]
     remarks = remarks + _unexplained(joint, status, records)
-    scenes = [found(scene, problem, facts.get("still", []), remarks) for problem in own]
+    scenes = [found(scene, problem, facts.get("still", []), remarks) for problem in solved]
     records = [replace(record, measurement=window.kept.start) for record in records]
     if truth and records:
         _compare(truth, window.kept, out, records, scenes)
     weights = list(facts.get("weights", []))
-    return Outcome(own, status, records, scenes, told.describe(plan), name, finish.shares, weights, scene)
+    return Outcome(solved, status, records, scenes, unseen.describe(plan), name, finish.shares, weights, scene)
 
 
 def _first(
@@ -143,15 +140,15 @@ def _first(
     scene: SceneModel,
     decode: bool,
     deadline: float | None,
-) -> Start:
-    """The first estimate of the modelled part of all measurements."""
+) -> tuple[np.ndarray, str, bool, list[str]]:
+    """The first estimate of the modelled part of all measurements: x, its name, whether it is decoded, and remarks."""
     first = [
         first_estimate(request.init_of(n), problem, scene, decode, request.device, deadline)
         for n, problem in zip(window.seen, problems)
     ]
-    remarks = next((start.remarks for start in first if start.remarks), [])
     x = joined([scene.restrict(start.x) for start in first])
-    return Start(one_or_auto(start.name for start in first), x, all(start.decoded for start in first), remarks)
+    remarks = next((start.remarks for start in first if start.remarks), [])
+    return x, one_or_auto(start.name for start in first), all(start.decoded for start in first), remarks
 
 
 def _plan(request: Request, op: SensingOperator, problem: Problem, decoded: bool, deadline: float | None) -> Plan:

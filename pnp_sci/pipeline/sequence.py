@@ -5,7 +5,7 @@ from __future__ import annotations
 import time
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
-from typing import Any
+from typing import Any, TypeVar
 
 import numpy as np
 
@@ -17,6 +17,8 @@ from pnp_sci.sensing.sequence import SequenceOperator
 OVERLAP = 1  # measurements on either side that a window sees beyond those that are kept of it
 FEWEST = 2 * OVERLAP + 1  # measurements in a window
 MOST = 2**25  # values of x in a window: about 3 GB with the prior "flow" or "video"
+
+Each = TypeVar("Each", bound=Sequence)
 
 
 @dataclass(frozen=True)
@@ -32,10 +34,10 @@ class Window:
     seen: range
     kept: range
 
-    def of_kept(self, problems: Sequence[Problem]) -> Sequence[Problem]:
-        """Of the problems that the window sees, those that are kept."""
+    def of_kept(self, each: Each) -> Each:
+        """Of something for each measurement that the window sees, that of those that are kept."""
         begin = self.seen.start
-        return problems[self.kept.start - begin : self.kept.stop - begin]
+        return each[self.kept.start - begin : self.kept.stop - begin]  # type: ignore[return-value]
 
 
 def windows(count: int, most: int) -> Iterator[Window]:

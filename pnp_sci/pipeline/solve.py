@@ -37,9 +37,9 @@ def solve_all(y: Any, masks: Any, reference: Any, peak: float | None, options: d
     began = time.perf_counter()
     given = Input.of(y, masks, options.pop("bad"), options.pop("mosaic"))
     options["init"] = given.modelled(options["init"])
-    op, count = given.op, len(given.measurements)
+    op, count, several = given.op, len(given.measurements), np.ndim(y) == 3
     request = check_request(op, count, **options, mosaic=given.mosaic)
-    if (options["sequence"] is True or request.sequence > 1) and np.ndim(y) != 3:
+    if (options["sequence"] is True or request.sequence > 1) and not several:
         raise InputError(f"sequence is {options['sequence']}, but y has shape {np.shape(y)}: (N, H, W) was expected")
     peak = None if peak is None else positive_number("peak", peak)
     colours = () if given.mosaic is None else (3,)
@@ -68,12 +68,12 @@ def solve_all(y: Any, masks: Any, reference: Any, peak: float | None, options: d
     scenes = [scene for outcome in outcomes for scene in outcome.scenes]
     videos = given.shown(videos)
     return Result(
-        videos if np.ndim(y) == 3 else videos[0],
+        videos if several else videos[0],
         Status.worst([outcome.status for outcome in outcomes]),
         History(record for outcome in outcomes for record in outcome.records),
         package_settings(request, outcomes) | provenance(y, masks, given.largest, problems, began),
         [given.found(scene, fit, remarks) for scene, fit in zip(scenes, fits)],
-        errors if errors is None or np.ndim(y) == 3 else errors[0],
+        errors if errors is None or several else errors[0],
     )
 
 
@@ -121,24 +121,21 @@ def predict_errors(
     """errors <- the predicted errors of videos, by a second solve; a remark where they cannot be said."""
     from pnp_sci.pipeline.uncertainty import held_back, uncertainty, without_pixels
 
-    init = request.init if isinstance(request.init, str) else "adjoint"  # a video knows the pixels that are held back
-    same = replace(request, scene=outcome.model or request.scene, init=init)
-    hidden = {n: held_back(problem) for n, problem in zip(window.seen, problems)}
-    second: np.ndarray | None = None
-    if outcome.status.ok and outcome.model is not None and all(pixels is not None for pixels in hidden.values()):
-        second = np.empty_like(videos)
-        told = outcome.problems[0].noise
-        same_noise = [replace(p, noise=told, estimated=False) if p.estimated else p for p in problems]
-        others = [without_pixels(problem, hidden[n]) for n, problem in zip(window.seen, same_noise)]  # type: ignore[arg-type]
+    hidden = [held_back(problem) for problem in problems]
+    second = np.full_like(videos, np.nan)
+    if outcome.status.ok and all(pixels is not None for pixels in hidden):
+        init = request.init if isinstance(request.init, str) else "adjoint"  # a video knows the hidden pixels
+        same = replace(request, scene=outcome.model or request.scene, init=init)
+        noise = outcome.problems[0].noise
+        told = [replace(p, noise=noise, estimated=False) if p.estimated else p for p in problems]
+        others = [without_pixels(*pair) for pair in zip(told, hidden)]  # type: ignore[arg-type]
         reconstruct_in_tiles(others, same, second, window=window, deadline=deadline, watch=Watch(None))
-    for k, (n, problem) in enumerate(zip(window.kept, outcome.problems)):
-        found = None
-        if second is not None:
-            unit = np.asarray(problem.unit, videos.dtype)
-            found = uncertainty(problem, hidden[n], videos[k] / unit, second[k] / unit)  # type: ignore[arg-type]
+    for k, (problem, pixels) in enumerate(zip(outcome.problems, window.of_kept(hidden))):
+        unit = np.asarray(problem.unit, videos.dtype)
+        found = uncertainty(problem, pixels, videos[k] / unit, second[k] / unit)  # type: ignore[arg-type]
         if found is None:
-            told = "uncertainty: unknown, as the solve failed or too few pixels can be held back"
-            outcome.scenes[k]["remarks"].append(told)
+            text = "uncertainty: unknown, as the solve failed or too few pixels can be held back"
+            outcome.scenes[k]["remarks"].append(text)
         else:
             np.multiply(found, problem.unit, out=errors[k], casting="unsafe")
 

@@ -107,20 +107,20 @@ def _decoded(name: str, problem: Problem, scene: SceneModel, device: str | None,
     def decode(problem: Problem, scene: SceneModel) -> np.ndarray:
         return decoded(FunctionDecoder(decoder), problem, scene)
 
+    def adjoint(why: str) -> Start:
+        return Start("adjoint", level(problem.op, problem.y), remarks=[f"init: {why}: 'adjoint' was taken"])
+
     key, size = (name, device, problem.op.shape[:2], scene.nothing_moves), problem.op.masks.size
-    if (
-        deadline is not None
-        and (needed := _needed(key, decode, problem, scene, deadline)) + time.perf_counter() > deadline
-    ):
-        remark = f"init: {name!r} takes about {needed:.2g} s, which the time budget has not: 'adjoint' was taken"
-        return Start("adjoint", level(problem.op, problem.y), remarks=[remark])
+    if deadline is not None:
+        needed = _needed(key, decode, problem, scene, deadline)
+        if needed + time.perf_counter() > deadline:
+            return adjoint(f"{name!r} takes about {needed:.2g} s, which the time budget has not")
     x, lasted = _timed(decode, problem, scene)
     if key in _warm:
         _learn(key, lasted / size)
     _warm.add(key)
     if why := exploded(scene.expand(scene.restrict(x), x.shape), problem):
-        remark = f"init: what {name!r} makes of y {why}: 'adjoint' was taken"
-        return Start("adjoint", level(problem.op, problem.y), remarks=[remark])
+        return adjoint(f"what {name!r} makes of y {why}")
     return Start(name, x, decoded=True)
 
 

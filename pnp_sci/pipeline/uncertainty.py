@@ -17,8 +17,7 @@ SHARED = 0.5  # part of the variance that all frames at a pixel share: docs/resu
 
 def held_back(problem: Problem, seed: int = 0) -> np.ndarray | None:
     """Pixels of y (H, W) that a second estimate may not see; None if there are too few."""
-    op = problem.op
-    usable = op.gram > 0 if problem.saturated is None else (op.gram > 0) & ~problem.saturated
+    usable = problem.usable & (problem.op.gram > 0)
     hidden = usable & (np.random.default_rng(seed).random(problem.y.shape) < HELD_BACK)
     return hidden if hidden.sum() >= FEWEST else None
 

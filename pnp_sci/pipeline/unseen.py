@@ -45,9 +45,7 @@ class Unseen:
         self.last = (2 * plan.least + plan.iterations) // 3  # iteration after which all pixels are seen
         one_number = problem.estimated and np.ndim(problem.noise) == 0
         self.due = bool(wanted and one_number and problem.noise) and 0 < self.last < plan.iterations
-        usable = ~op.unlit
-        if problem.saturated is not None:
-            usable &= ~problem.saturated
+        usable = problem.usable & ~op.unlit
         self.pixels = usable & (np.random.default_rng(SEED).random(usable.shape) < PART)
 
     def __call__(self, schedule: Schedule, state: State) -> Schedule:

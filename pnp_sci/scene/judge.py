@@ -4,9 +4,8 @@ from __future__ import annotations
 
 import time
 from collections.abc import Callable, Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import partial
-from typing import Any
 
 import numpy as np
 
@@ -44,6 +43,25 @@ class SceneNumbers(Tuned):
 TUNED = SceneNumbers()
 
 
+@dataclass(frozen=True)
+class _Trial:
+    """What a simple model has to pass.
+
+    Attributes
+    ----------
+    prior : Prior
+        Of the estimates.
+    looks : dict
+        Numbers of iterations, and the condition on the squared errors after each.
+    doubt : float
+        Part of the variance of the noise by which its estimate may be too low.
+    """
+
+    prior: Prior
+    looks: dict[int, IsFine]
+    doubt: float = 0.0
+
+
 def patience(op: SensingOperator) -> int:
     """Iterations of a quick estimate: three for each frame of all views, 60 at least."""
     return max(TUNED.least, TUNED.per_frame * op.shape[0] * op.shape[1])
@@ -77,109 +95,127 @@ def judge(
     until : float
         A moment of ``time.perf_counter``: a model that has not shown by then that it is better is not taken.
     """
-    op = problem.op
-    predicts_better = _Comparison(problem, quick, until, patience(op) // (4 if careful else 8))
-    chosen = full(op, "every view and frame is needed")
-    last = patience(op)
+    op, last = problem.op, patience(problem.op)
     early, half, soon, later = last // 3, last // 2, last // 2 + last // 5, last // 2 + last // 3  # iterations of looks
-    clearly = {last: partial(at_most, 1 / TUNED.perhaps)}
-    no_worse = dict.fromkeys((half, soon), partial(at_most, NO_WORSE))
+    clearly, no_worse, perhaps, carefully = (
+        partial(at_most, ratio) for ratio in (1 / TUNED.perhaps, NO_WORSE, TUNED.perhaps, TUNED.carefully)
+    )
+    passes = _Comparison(problem, quick, until, last // (4 if careful else 8))
+    of_dark = _Trial(quick, {last: clearly})
+    if careful is None:
+        of_still = _Trial(quick, {early: perhaps, last: clearly})
+    else:
+        if passes.by_chance:
+            of_dark = _Trial(careful, {half: no_worse, soon: no_worse})
+        of_still = _Trial(careful, {early: perhaps, half: perhaps, soon: carefully, later: always}, TUNED.doubt)
+    chosen = full(op, "every view and frame is needed")
     lit = lit_views(op, problem.y)
     if not all(lit) and any(lit):
         dark = ", ".join(str(v + 1) for v, on in enumerate(lit) if not on)
         without = SceneModel(lit, False, f"view {dark} is dark: y is explained without it")
-        with_care = careful if predicts_better.by_chance else None
-        if predicts_better(without, chosen, with_care or quick, no_worse if with_care else clearly):
+        if passes(without, chosen, of_dark):
             chosen = without
     if op.shape[1] == 1:
         return chosen
     so_far = "" if chosen.complete else chosen.reason + "; "
     still = SceneModel(chosen.views, True, so_far + "nothing moves: one frame per view explains y")
-    if careful is None:
-        looks = {early: partial(at_most, TUNED.perhaps)} | clearly
-        return still if predicts_better(still, chosen, quick, looks) else chosen
-    by_tv = dict.fromkeys((early, half), partial(at_most, TUNED.perhaps))
-    by_flow = {soon: partial(at_most, TUNED.carefully), later: always}
-    if predicts_better(still, chosen, careful, by_tv | by_flow, TUNED.doubt):
+    if passes(still, chosen, of_still):
         return still
-    beside = dict.fromkeys((early, half), partial(at_most, NO_WORSE)) | {later: beyond_chance}
+    if careful is None or not each_view:
+        return chosen
+    of_view = _Trial(careful, {early: no_worse, half: no_worse, later: beyond_chance}, TUNED.doubt)
     levels = view_levels(op, problem.y)
-    for view in np.flatnonzero(np.array(chosen.views) & (levels >= DIM * levels.max())) if each_view else ():
+    for view in np.flatnonzero(np.array(chosen.views) & (levels >= DIM * levels.max())):
         stills = tuple(s or v == view for v, s in enumerate(chosen.still))  # type: ignore[arg-type]
         names = " and ".join(str(v + 1) for v, s in enumerate(stills) if s)
         model = SceneModel(chosen.views, stills, f"{so_far}one frame explains what y shows of view {names}")
-        if not model.nothing_moves and predicts_better(model, chosen, careful, beside, TUNED.doubt):
+        if not model.nothing_moves and passes(model, chosen, of_view):
             chosen = model
     return chosen
+
+
+@dataclass(frozen=True, eq=False)
+class _Pixels:
+    """A picture y (H, W): models are estimated from the pixels that are seen, and predict the hidden ones.
+
+    `until` is the moment after which estimates raise a TimeoutError.
+    """
+
+    op: SensingOperator
+    y: np.ndarray
+    seen: np.ndarray
+    hidden: np.ndarray
+    noise: float
+    until: float
+
+    def crop(self, where: tuple[slice, slice]) -> _Pixels:
+        """The same of a part of the picture."""
+        y, seen, hidden = (picture[where] for picture in (self.y, self.seen, self.hidden))
+        return replace(self, op=self.op.crop(where), y=y, seen=seen, hidden=hidden)
+
+    def estimates(self, model: SceneModel, prior: Prior, *iterations: int) -> Iterator[tuple[np.ndarray, np.ndarray]]:
+        """Errors y - Phi x (H, W) and x of the seen pixels, after so many iterations each."""
+        op, y = model.reduce(self.op), self.y * self.seen
+        sampled = SensingOperator(op.masks * self.seen.astype(op.masks.dtype), op.dtype)
+        for state in iterate(sampled, y, prior, level(op, y), noise=self.noise):
+            if time.perf_counter() > self.until:
+                raise TimeoutError
+            if state.iteration in iterations:
+                yield self.y - op.forward(state.x), state.x
+            if state.iteration == iterations[-1]:
+                return
+
+    def evidence(self, simple: SceneModel, other: SceneModel, errors: np.ndarray, x: np.ndarray) -> float:
+        """What of errors of the simple model the other one shows in its x, in standard errors."""
+        return evidence(errors, beyond(simple, other, self.op, x), self.hidden)
 
 
 class _Comparison:
     """Models of a scene, compared by how they predict pixels of y that are held back; saturated ones are left out."""
 
     def __init__(self, problem: Problem, quick: Prior, until: float, look: int):
-        self.problem, self.quick, self.until, self.look = problem, quick, until, look
-        self.hidden = np.random.default_rng(0).random(problem.y.shape) < HELD_BACK
-        self.seen = ~self.hidden
+        self.quick, self.look = quick, look
+        held_back, usable = np.random.default_rng(0).random(problem.y.shape) < HELD_BACK, problem.usable
         # if fewer pixels are saturated than held back, the held-back ones are still a random choice
         self.by_chance = problem.saturated is None or problem.saturated.mean() < HELD_BACK
-        for unknown in (problem.saturated, problem.bad):
-            if unknown is not None:
-                self.hidden, self.seen = self.hidden & ~unknown, self.seen & ~unknown
+        seen, hidden = usable & ~held_back, usable & held_back
+        self.pixels = _Pixels(problem.op, problem.y, seen, hidden, problem.typical_noise, until)
         self._known: dict[SceneModel, tuple[np.ndarray, np.ndarray]] = {}
 
-    def __call__(self, *comparison: Any) -> bool:
-        """As :meth:`_predicts_better`; false where there is no time to find out."""
+    def __call__(self, simple: SceneModel, other: SceneModel, trial: _Trial) -> bool:
+        """Whether the simple model passes the trial; false where there is no time to find out."""
+        if time.perf_counter() > self.pixels.until:
+            return False
         try:
-            return self._predicts_better(*comparison)
+            return self._passes(simple, other, trial) and time.perf_counter() <= self.pixels.until
         except TimeoutError:
             return False
 
-    def _predicts_better(
-        self, simple: SceneModel, other: SceneModel, prior: Prior, looks: dict[int, IsFine], doubt: float = 0
-    ) -> bool:
-        """Whether the simple model predicts well enough on its worst tile, and nothing around speaks against it.
-
-        A look is a number of iterations and a condition on the squared errors after it.
-        """
-        op = self.problem.op
-        if time.perf_counter() > self.until:
+    def _passes(self, simple: SceneModel, other: SceneModel, trial: _Trial) -> bool:
+        """Whether the simple model predicts well enough on its worst tile, and nothing around speaks against it."""
+        errors, (others, x) = self._first(simple, trial.prior)[0], self._first(other, trial.prior)
+        if self.by_chance and self.pixels.evidence(simple, other, errors, x) > CHANCE:
             return False
-        errors, (others, x) = self._first(simple, prior)[0], self._first(other, prior)
-        if self.by_chance and evidence(errors, beyond(simple, other, op, x), self.hidden) > CHANCE:
-            return False
-        of_simple, of_other = (self.hidden * e**2 for e in (errors, others))
+        of_simple, of_other = (self.pixels.hidden * e**2 for e in (errors, others))
         tile, around = (contested_tile(of_simple, of_other, side) for side in (TILES.tile, TILES.tile * 4 // 3))
-        if not self._holds(simple, other, prior, looks, doubt, tile) or self._leaves_a_mover(simple, prior):
+        if not self._holds(simple, other, trial, tile) or self._leaves_a_mover(simple, trial.prior):
             return False
         if tile == around or not self.by_chance:  # the tile is the picture, or there is no evidence
-            return time.perf_counter() < self.until
-        return self._holds(simple, other, prior, {max(looks): always}, doubt, around)
+            return True
+        return self._holds(simple, other, replace(trial, looks={max(trial.looks): always}), around)
 
-    def _holds(
-        self,
-        simple: SceneModel,
-        other: SceneModel,
-        prior: Prior,
-        looks: dict[int, IsFine],
-        doubt: float,
-        crop: tuple[slice, slice],
-    ) -> bool:
+    def _holds(self, simple: SceneModel, other: SceneModel, trial: _Trial, crop: tuple[slice, slice]) -> bool:
         """Whether the conditions on the errors hold on a crop, and nothing there is evidence of the other model."""
-        part = self.problem.op.crop(crop)
-        y, hidden, seen = (picture[crop] for picture in (self.problem.y, self.hidden, self.seen))
-        if not hidden.any():
+        pixels = self.pixels.crop(crop)
+        if not pixels.hidden.any():
             return False
-        expected = self.problem.typical_noise**2 * (1 + doubt)
-
-        def estimates(model: SceneModel) -> Iterator[tuple[np.ndarray, np.ndarray]]:
-            noise = self.problem.typical_noise
-            return _predictions(model.reduce(part), y, seen, noise, prior, *looks, until=self.until)
-
-        for is_fine, (errors, _), (others, x) in zip(looks.values(), estimates(simple), estimates(other)):
-            squares = (e[hidden].astype(np.float64) ** 2 - expected for e in (errors, others))
-            if not is_fine(*squares) or time.perf_counter() > self.until:
+        expected = pixels.noise**2 * (1 + trial.doubt)
+        of_simple, of_other = (pixels.estimates(model, trial.prior, *trial.looks) for model in (simple, other))
+        for is_fine, (errors, _), (others, x) in zip(trial.looks.values(), of_simple, of_other):
+            squares = (e[pixels.hidden].astype(np.float64) ** 2 - expected for e in (errors, others))
+            if not is_fine(*squares):
                 return False
-            if self.by_chance and evidence(errors, beyond(simple, other, part, x), hidden) > CHANCE:
+            if self.by_chance and pixels.evidence(simple, other, errors, x) > CHANCE:
                 return False
         return True
 
@@ -188,39 +224,15 @@ class _Comparison:
 
         What the first estimate has not predicted is noise to the smooth one, so that it does not fit what passes.
         """
-        op, y, known = simple.reduce(self.problem.op), self.problem.y, self.seen | self.hidden
-        unexplained = self._first(simple, prior)[0][self.hidden].astype(np.float64)
+        op, known = self.pixels.op, self.pixels.seen | self.pixels.hidden
+        unexplained = self._first(simple, prior)[0][self.pixels.hidden].astype(np.float64)
         noise = float(np.sqrt(np.mean(unexplained**2)))
-        enough = patience(self.problem.op) if simple.nothing_moves else self.look
-        residual = next(_predictions(op, y, known, noise, self.quick, enough))[0]
-        return shows_more(simple, self.problem.op, residual * known)
+        enough = patience(op) if simple.nothing_moves else self.look
+        residual, _ = next(replace(self.pixels, seen=known, noise=noise).estimates(simple, self.quick, enough))
+        return shows_more(simple, op, residual * known)
 
     def _first(self, model: SceneModel, prior: Prior) -> tuple[np.ndarray, np.ndarray]:
-        """Early errors (H, W) and estimates of the whole picture; TimeoutError after `until`."""
+        """Early errors (H, W) and estimates of the whole picture."""
         if model not in self._known:
-            op, y, noise = model.reduce(self.problem.op), self.problem.y, self.problem.typical_noise
-            self._known[model] = next(_predictions(op, y, self.seen, noise, prior, self.look, until=self.until))
+            self._known[model] = next(self.pixels.estimates(model, prior, self.look))
         return self._known[model]
-
-
-def _predictions(
-    op: SensingOperator,
-    y: np.ndarray,
-    seen: np.ndarray,
-    noise: float,
-    prior: Prior,
-    *iterations: int,
-    until: float = np.inf,
-) -> Iterator[tuple[np.ndarray, np.ndarray]]:
-    """y - Phi x (H, W) and x, estimated from the pixels of y that are seen, after so many iterations each.
-
-    Raises a TimeoutError after the moment `until`.
-    """
-    sampled = SensingOperator(op.masks * seen.astype(op.masks.dtype), op.dtype)
-    for state in iterate(sampled, y * seen, prior, level(op, y * seen), noise=noise):
-        if state.iteration in iterations:
-            yield y - op.forward(state.x), state.x
-        if state.iteration == iterations[-1]:
-            return
-        if time.perf_counter() > until:
-            raise TimeoutError

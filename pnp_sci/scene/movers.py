@@ -8,16 +8,15 @@ of brightness times the variance of the masks.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 
-from pnp_sci.scene.tracks import follow
+from pnp_sci.scene.tracks import SIDE, follow
 from pnp_sci.scene.unused import Free, free_masks
 from pnp_sci.sensing.operator import SensingOperator
 from pnp_sci.sensing.scene_model import SceneModel
 
-SIDE = 8  # pixels a side of the smallest windows
 ZOOMS = (1, 2, 4)  # factors on them
 LONG = 10  # frames of a moving window's track, at most
 ALARM = 0.01  # largest probability that chance alone looks like a mover somewhere in a picture
@@ -55,8 +54,7 @@ def limit(tried: int, kinds: int = 1) -> float:
     return float(norm.isf(ALARM / 2 / kinds / max(tried, 1)))
 
 
-@dataclass(frozen=True)
-class Tracks:
+class Tracks(NamedTuple):
     """Straight courses of windows through the frames.
 
     Attributes
@@ -77,13 +75,14 @@ class Tracks:
 
         All frames at rest are one more run if it says anything (`whole`).
         """
-        runs = [(start, 2**k, (0, 0)) for k in range(frames.bit_length()) for start in _starts(frames, 2**k)]
-        runs = [run for run in runs if run[1] < frames] + [(0, frames, (0, 0))] * whole
+        shorter = [2**k for k in range((frames - 1).bit_length())]
+        runs = [(start, length, (0, 0)) for length in shorter for start in _starts(frames, length)]
+        runs += [(0, frames, (0, 0))] * whole
         speeds = [(y, x) for y in range(1 - SIDE, SIDE) for x in range(1 - SIDE, SIDE) if (y, x) != (0, 0)]
         long = min(frames, LONG)
         runs += [(start, long, speed) for start in _starts(frames, long) for speed in speeds if long > 1]
-        speed = np.array([run[2] for run in runs], np.int64).reshape(-1, 2)
-        return cls(speed, np.array([run[0] for run in runs]), np.array([run[1] for run in runs]))
+        first, length, speed = (np.array([run[field] for run in runs], np.int64) for field in range(3))
+        return cls(speed.reshape(-1, 2), first, length)
 
     @property
     def moving(self) -> np.ndarray:
@@ -104,13 +103,11 @@ class Tracks:
             if min(spread.shape) < SIDE or not spread.any():
                 break
             if CELLS * free.cell <= SIDE * zoom:
-                top, energy = np.zeros((2, len(self.speed)))
                 totals, variance = _windows(parts), _windows(spread)
                 normal = (totals / np.sqrt(variance + DIM * variance.mean())).astype(np.float32)
-                how = SIDE, zoom, scale, free.share, shift, bool(shift.any())
-                follow(totals, normal, rooted, self.speed, self.first, self.length, *how, top, energy)
-                top[self.moving & np.all(zoom * self.speed == shift, 1)] = 0
-                best, places = np.maximum(best, np.sqrt(top / np.maximum(energy, 1))), places + variance.size
+                scores = follow(totals, normal, rooted, self, scale, free.share, shift, zoom)
+                scores[self.moving & np.all(zoom * self.speed == shift, 1)] = 0
+                best, places = np.maximum(best, scores), places + variance.size
             parts, spread = _halved(parts), _halved(spread)
         return best, places
 

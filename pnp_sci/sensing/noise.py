@@ -86,16 +86,12 @@ def estimate_noise(
     y = shaped("y", y, tuple(picture), np.dtype(np.float64))
     require_finite("y", y)
     saturated, bad = (
-        None if pixels is None else shaped(name, pixels, y.shape, np.dtype(bool))
+        np.zeros(y.shape, bool) if pixels is None else shaped(name, pixels, y.shape, np.dtype(bool))
         for name, pixels in (("saturated", saturated), ("bad", bad))
     )
-    used = ~_regions(op.unlit)
-    if bad is not None:
-        used &= ~bad
+    used = ~_regions(op.unlit) & ~bad
     freedom = blocks(used).sum(1) - 4 * views
-    usable = freedom >= np.where(blocks(used).all(1), 1, 4 * views)
-    if saturated is not None:
-        usable &= ~blocks(saturated).any(1)
+    usable = (freedom >= np.where(blocks(used).all(1), 1, 4 * views)) & ~blocks(saturated).any(1)
     if usable.sum() < FEWEST:
         return 0.0
     if light is not None:
@@ -104,7 +100,7 @@ def estimate_noise(
         if light.min() < 0:
             raise InputError(f"light has values down to {light.min():.3g}: values >= 0 were expected")
     else:
-        light = light_of_frames(op, y, used if saturated is None else used & ~saturated)
+        light = light_of_frames(op, y, used & ~saturated)
     lights = [np.ones((views, frames))] + ([] if (light == 1).all() else [light[..., 0, 0]])
     left_over = (_left_over(op, y, used, light)[usable] for light in lights)
     return min(_of_quietest(squares, freedom[usable], TUNED.quantile) for squares in left_over)

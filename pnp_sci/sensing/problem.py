@@ -70,12 +70,20 @@ class Problem:
     light: np.ndarray | None = None
 
     @property
+    def usable(self) -> np.ndarray:
+        """Pixels that are neither saturated nor bad, like y."""
+        usable = np.ones(self.y.shape, bool)
+        for unknown in (self.saturated, self.bad):
+            if unknown is not None:
+                usable &= ~unknown
+        return usable
+
+    @property
     def typical_noise(self) -> float:
-        """Root mean square of `noise` over pixels that are neither saturated nor bad."""
+        """Root mean square of `noise` over the usable pixels."""
         noise = np.asarray(self.noise)
-        left_out = [pixels for pixels in (self.saturated, self.bad) if pixels is not None]
-        if noise.ndim and left_out and not np.logical_or.reduce(left_out).all():
-            noise = noise[~np.logical_or.reduce(left_out)]
+        if noise.ndim and self.usable.any():
+            noise = noise[self.usable]
         return float(np.sqrt(np.mean(np.square(noise))))
 
     def unbalanced(self) -> Problem:
@@ -146,29 +154,27 @@ def check_bad(bad: Any, y: Any) -> np.ndarray | None:
         return None
     pictures = _pictures(y.data if isinstance(y, np.ma.MaskedArray) else y)
     shape = pictures.shape if pictures.ndim == 3 else (1, *pictures.shape)
-    unused = np.ma.getmaskarray(y).reshape(shape) if np.ma.is_masked(y) else None
+    unused = (np.zeros(pictures.shape, bool) | np.ma.getmask(y)).reshape(shape)
     if isinstance(bad, str):
-        infinite = ~np.isfinite(pictures).reshape(shape)
-        unused = infinite if unused is None else unused | infinite
-    if bad is not None and not isinstance(bad, str):
+        unused |= ~np.isfinite(pictures).reshape(shape)
+    elif bad is not None:
         picture = real_array("bad", bad)
         if picture.dtype.kind == "f":
             raise InputTypeError(f"bad has dtype {picture.dtype}: True and False, or whole numbers, were expected")
         if picture.shape not in (shape[1:], np.shape(y)):
             expected = f"{shape[1:]}, or the same as y, was expected"
             raise InputError(f"bad has shape {picture.shape}, but y {np.shape(y)}: {expected}")
-        unused = picture.astype(bool) if unused is None else unused | picture.astype(bool)
-    if unused is None or not unused.any():
+        unused |= picture.astype(bool)
+    if not unused.any():
         return None
-    unused = np.broadcast_to(unused, shape)
     if unused.all((1, 2)).any():
         raise InputError("bad has every pixel of y: some that are used were expected")
     return unused
 
 
-def without(op: SensingOperator, bad: np.ndarray | None) -> SensingOperator:
+def without(op: SensingOperator, bad: np.ndarray) -> SensingOperator:
     """The operator that measures nothing in the bad pixels (H, W): its masks are 0 there."""
-    return op if bad is None else SensingOperator(op.masks * (~bad).astype(op.masks.dtype), op.dtype)
+    return SensingOperator(op.masks * (~bad).astype(op.masks.dtype), op.dtype) if bad.any() else op
 
 
 def check_operators(masks: Any, y: np.ndarray) -> tuple[list[SensingOperator], float]:

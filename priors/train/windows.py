@@ -10,11 +10,10 @@ learning", AISTATS 2011.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from copy import deepcopy
 from dataclasses import dataclass
-from functools import partial
 from pathlib import Path
 from tempfile import TemporaryDirectory
 from typing import Any
@@ -146,20 +145,18 @@ def _window(calls: list[Call], truth: np.ndarray) -> Window:
 @contextmanager
 def _watched() -> Iterator[list[Call]]:
     """Context in which the calls of networks within GAP are appended to a list."""
-    iterations: list[Callable[..., Call]] = []
     calls: list[Call] = []
+    iteration: dict[str, Any] = {}
     serve = NetworkSession.__call__
 
     def step(op, y, denoise, state, sigma, rho=0.0, saturated=None):
-        iterations[:] = [partial(Call, op=op, y=y, state=state, sigma=sigma, rho=rho)]
+        iteration.update(op=op, y=y, state=state, sigma=sigma, rho=rho)
         return gap_step(op, y, denoise, state, sigma, rho, saturated)
 
     def watched(session, v, sigma, out=None):
-        call = partial(
-            iterations[0], beside=deepcopy(session.beside), stronger=session.stronger, turn=session.turn
-        )  # fmt: skip
+        before = iteration | {"beside": deepcopy(session.beside), "stronger": session.stronger, "turn": session.turn}
         x = serve(session, v, sigma, out)
-        calls.append(call(motion=getattr(session.net, "motion", None)))
+        calls.append(Call(**before, motion=getattr(session.net, "motion", None)))
         return x
 
     ALGORITHMS["gap"], NetworkSession.__call__ = step, watched  # type: ignore[method-assign]

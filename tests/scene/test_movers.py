@@ -184,7 +184,7 @@ def test_scores_have_the_variance_of_many_draws_of_masks(kind):
         masks = masks - masks.mean(0)
         sums.append(sum(float(np.sum((residual * masks[1 + k])[i : i + 8, 6:14])) for k, i in enumerate((5, 6, 7))))
     shift = np.array([-1, -1] if kind == "moving" else [0, 0])
-    found = track_variance(residual, 5, 6, steps, 1, frames, 8, 1 / frames, shift, kind == "moving")
+    found = track_variance(residual, steps + np.array([5, 6]), 1, frames, 8, 1 / frames, shift)
     assert found == pytest.approx(np.var(sums), rel=0.15)
 
 
