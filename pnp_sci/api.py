@@ -16,6 +16,7 @@ from pnp_sci.pipeline.provenance import provenance
 from pnp_sci.pipeline.request import as_plain
 from pnp_sci.pipeline.solve import solve_all
 from pnp_sci.pipeline.start import exploded
+from pnp_sci.pipeline.unit import in_unit_of_scene
 from pnp_sci.plugins.mosaic import decoded
 from pnp_sci.plugins.resolve import decoder_for
 from pnp_sci.results.history import History, Record, Status
@@ -181,8 +182,9 @@ def decode(
     fits = given.check(sensor)
     videos = np.empty((len(fits), *op.shape), op.dtype)
     statuses, records, problems, scenes = [], [], [], []
-    for n, problem in enumerate(problem.steady() for problem in given.problems(sensor, fits)):
+    for n, problem in enumerate(given.problems(sensor, fits)):
         begun = time.perf_counter()
+        [problem] = in_unit_of_scene([problem.steady()])
         if decoder.needs_scene or scene == "full":
             chosen = choose_scene(scene, problem)
         else:

@@ -22,9 +22,9 @@ ROUNDS = 3  # estimates at most, each in the unit that the one before has found
 class SpanNumbers(Tuned):
     """Parameters of the quick estimate that shows how far a video spans."""
 
-    iterations: int = 20
-    sigma: float = 0.2  # large, so that small things become bright within few iterations
-    usual: float = 1.25  # what a natural scene spans in the unit that y and the masks tell
+    iterations: int = 10
+    sigma: float = 0.4  # large, so that small things become bright within few iterations
+    usual: float = 1.2  # what a natural scene spans in the unit that y and the masks tell
 
 
 TUNED = SpanNumbers()
