@@ -49,6 +49,7 @@ def compare(
     reference_key: str | None,
     iterations: int | None,
     bad: str | None,
+    bad_key: str | None,
     noise: str,
     gain: float | None,
     full_scale: float | None,
@@ -70,7 +71,7 @@ def compare(
     from pnp_sci import bench, io
 
     y = io.read_measurement(measurement, key)
-    masks, unused = masks_for(measurement, masks_file, calibration, views, masks_key), bad_pixels(bad)
+    masks, unused = masks_for(measurement, masks_file, calibration, views, masks_key), bad_pixels(bad, bad_key)
     raw = {} if calibration is None else {"calibration": calibration, "full_scale": full_scale}
     if calibration is not None:
         made, unused, full_scale = calibrated(calibration, unused, full_scale)
@@ -88,7 +89,7 @@ def compare(
         masks,
         bench.grid(iterations=iterations, **{name: words(text) for name, text in grid.items()}),
         reference=truth,
-        source=bench.Source(*files, **raw),
+        source=bench.Source(*files, bad_key=bad_key, **raw),
         progress=interactive(),
         noise=sensor,
         seed=seed,

@@ -48,6 +48,7 @@ def camera_options(command: Callable) -> Callable:
     bad = "Picture that is not 0 in bad pixels, which are not used; or auto: hot, dead and stuck ones are found."
     noise = "Standard deviation of the noise, with --gain of that in the dark, in units of y; or auto."
     for option in (
+        click.option("--bad-key", help="Name of the picture in the file of --bad, where it cannot be told."),
         click.option("--bad", metavar="FILE|auto", help=bad),
         click.option("--bits", type=click.IntRange(1, 32), help="Grey levels of the camera, up to --full-scale."),
         click.option("--full-scale", type=POSITIVE, help="The camera's largest value: pixels there are saturated."),
@@ -74,15 +75,17 @@ def camera(noise: str, gain: float | None, full_scale: float | None, bits: int |
         raise click.BadParameter(str(error), param_hint="--noise, --gain, --full-scale, --bits") from error
 
 
-def bad_pixels(bad: str | None) -> Any:
-    """What ``--bad`` stands for: the `bad` of :func:`pnp_sci.solve`."""
+def bad_pixels(bad: str | None, key: str | None) -> Any:
+    """What ``--bad`` and ``--bad-key`` stand for: the `bad` of :func:`pnp_sci.solve`."""
     if bad is None or bad == "auto":
+        if key is not None:
+            raise click.BadParameter(f"{key!r} came, but no file: --bad FILE was expected", param_hint="--bad-key")
         return bad
     if not Path(bad).is_file():
         raise click.BadParameter(f"{bad!r} came, a file or auto was expected", param_hint="--bad")
     from pnp_sci import io
 
-    return io.read(bad) != 0
+    return io.read_bad(bad, key)
 
 
 def pairs(options: tuple[str, ...]) -> dict[str, Any]:

@@ -47,6 +47,7 @@ def reconstruct(
     scheduler: str | None,
     prior: str,
     bad: str | None,
+    bad_key: str | None,
     noise: str,
     gain: float | None,
     full_scale: float | None,
@@ -71,7 +72,7 @@ def reconstruct(
         if among and not (file.suffix.lower() in CONTAINERS and len(pnp_sci.io.describe(file)) > 1):
             came = f"{option} {file} is in the folder of the measurements, where each file counts as one"
             raise click.UsageError(f"{came}: keep it elsewhere")
-    unused = bad_pixels(bad)
+    unused = bad_pixels(bad, bad_key)
     if calibration is None:
         say_whose(masks_file, None)
         masks = pnp_sci.io.read_masks(given, views, masks_key)

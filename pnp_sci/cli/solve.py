@@ -55,6 +55,7 @@ def solve(
     index: int | None,
     prior: str,
     bad: str | None,
+    bad_key: str | None,
     noise: str,
     gain: float | None,
     full_scale: float | None,
@@ -78,7 +79,7 @@ def solve(
 
     y = io.read_measurement(measurement, key)
     masks = masks_for(measurement, masks_file, calibration, views, masks_key)
-    unused = bad_pixels(bad)
+    unused = bad_pixels(bad, bad_key)
     if calibration is not None:
         made, unused, full_scale = calibrated(calibration, unused, full_scale)
         y = made.correct(y)

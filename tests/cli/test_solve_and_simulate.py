@@ -103,6 +103,23 @@ def test_several_measurements_and_one_of_them(here):
     assert "reference has shape (2, 15, 32, 32)" in run("solve", "m.h5", "--reference", "long.npz").output
 
 
+def test_bad_pixels_in_a_file_of_several_arrays(meas):
+    """Bug: there was no way to say which one is meant."""
+    bad = np.zeros((32, 32), bool)
+    bad[:3] = True
+    io.write("several.npz", {"bad": bad, "dead": bad[::-1], "hot": bad[:, ::-1] & bad.T})
+    io.write("others.npz", {"dead": bad, "hot": bad.T})
+    for words, expected in (
+        (("several.npz",), bad),
+        (("several.npz", "--bad-key", "hot"), bad[:, ::-1] & bad.T),
+        (("others.npz", "--bad-key", "dead"), bad),
+    ):
+        assert run("solve", meas, "--iterations", 2, "--bad", *words).exit_code == 0
+        assert Result.load("result.npz").scene["bad"] == expected.sum()
+    assert "dead and hot could each be" in fails(1, "solve", meas, "--bad", "others.npz")
+    assert "--bad-key: 'hot' came, but no file" in fails(2, "solve", meas, "--bad", "auto", "--bad-key", "hot")
+
+
 def test_scores_are_the_same_in_grey_levels(meas):
     scene = embedded_scene(32)
     grey = (255 * scene.truth).round().astype(np.uint8)
