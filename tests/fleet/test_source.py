@@ -268,7 +268,7 @@ def test_a_damaged_file_among_others_is_met_in_its_turn(tmp_path, place, fails, 
 @pytest.mark.parametrize("code", [errno.EIO, errno.ESTALE, errno.ETIMEDOUT])
 def test_a_disk_that_is_away_for_a_moment_costs_one_measurement(tmp_path, monkeypatch, code):
     """Bug: it ended the run, where a damaged file fails alone."""
-    source, stat = as_folder(tmp_path), Path.stat
+    source, stat, opens = as_folder(tmp_path), Path.stat, Path.open
 
     def away(path, **options):
         if path.name == "picture_10.png":
@@ -276,7 +276,7 @@ def test_a_disk_that_is_away_for_a_moment_costs_one_measurement(tmp_path, monkey
         return stat(path, **options)
 
     with monkeypatch.context() as patch:
-        patch.setattr(Path, "open", lambda path, *mode, **options: away(path) and open(path, *mode, **options))
+        patch.setattr(Path, "open", lambda path, *mode, **options: away(path) and opens(path, *mode, **options))
         opened = open_source(source)
         patch.setattr(Path, "stat", away)
         with pytest.raises(OSError, match=r"picture_10\.png"):
