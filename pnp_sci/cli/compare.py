@@ -72,11 +72,11 @@ def compare(
 
     y = io.read_measurement(measurement, key)
     masks, unused = masks_for(measurement, masks_file, calibration, views, masks_key), bad_pixels(bad, bad_key)
-    raw = {} if calibration is None else {"calibration": calibration, "full_scale": full_scale}
+    black_level, raw = 0.0, {} if calibration is None else {"calibration": calibration, "full_scale": full_scale}
     if calibration is not None:
-        made, unused, full_scale = calibrated(calibration, unused, full_scale)
+        made, unused, full_scale, black_level = calibrated(calibration, unused, full_scale)
         y = made.correct(y)
-    sensor = camera(noise, gain, full_scale, bits)
+    sensor = camera(noise, gain, full_scale, bits, black_level)
     several, each = y.ndim == 3, masks.ndim == 5
     truth = None if truth_file is None else true_video(truth_file, masks.shape[-4:], several, reference_key)
     if several or index is not None:

@@ -59,7 +59,9 @@ def camera_options(command: Callable) -> Callable:
     return command
 
 
-def camera(noise: str, gain: float | None, full_scale: float | None, bits: int | None) -> str | float | Sensor:
+def camera(
+    noise: str, gain: float | None, full_scale: float | None, bits: int | None, black_level: float = 0.0
+) -> str | float | Sensor:
     """What the options of the camera stand for: the `noise` of :func:`pnp_sci.solve`."""
     try:
         level = noise if noise == "auto" else float(noise)
@@ -70,7 +72,7 @@ def camera(noise: str, gain: float | None, full_scale: float | None, bits: int |
     from pnp_sci.sensing.sensor import Sensor
 
     try:
-        return Sensor(level, gain or 0.0, full_scale, bits)  # type: ignore[arg-type]
+        return Sensor(level, gain or 0.0, full_scale, bits, black_level)  # type: ignore[arg-type]
     except InputError as error:
         raise click.BadParameter(str(error), param_hint="--noise, --gain, --full-scale, --bits") from error
 

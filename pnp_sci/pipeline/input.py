@@ -153,7 +153,7 @@ class Input:
         if self.bad is not None:
             measurements = np.where(self.bad, 0, measurements)
         if full is not None and full > black:
-            sensor = replace(sensor, full_scale=full - black)
+            sensor = replace(sensor, full_scale=full - black, black_level=max(sensor.black_level + black, 0.0))
         op, largest = check_operator(registration.masks, measurements)
         return replace(self, measurements=measurements, ops=[op], largest=largest, registration=registration), sensor
 

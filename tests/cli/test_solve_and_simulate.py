@@ -188,7 +188,9 @@ def test_the_camera_on_the_command_line(meas, tmp_path):
     for command, out in (("solve", ("--out", tmp_path / "r.npz")), ("compare", ("--priors", "tv", "--iterations", 2))):
         assert run(command, meas, *words, *out).exit_code == 0
     settings = Result.load(tmp_path / "r.npz").settings
-    assert settings["sensor"] == {"read_noise": 0.1, "gain": 0.01, "full_scale": 6.0, "bits": 8}
+    assert settings["sensor"] == {
+        "read_noise": 0.1, "gain": 0.01, "full_scale": 6.0, "bits": 8, "black_level": 0.0
+    }  # fmt: skip
     assert "beside a gain" in fails(2, "solve", meas, "--gain", 1)
     assert "full_scale is None" in fails(2, "compare", meas, "--noise", 1, "--bits", 8)
 
