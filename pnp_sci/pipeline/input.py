@@ -132,7 +132,8 @@ class Input:
                     left_out = whole, bad, without(whole, bad)
                 op = left_out[2]
             problem = pose(op, self.largest, y, sensor, bad)
-            for _ in range(PASSES if self.find_bad else 0):  # what is left out no longer misleads the estimate
+            wrapped = any(finding.kind == "wrapped" for finding in fit.findings)  # which nothing explains
+            for _ in range(PASSES if self.find_bad and not wrapped else 0):  # what is left out misleads no longer
                 if not (faint := unexplained(problem)).any():
                     break
                 bad = faint if bad is None else bad | faint
