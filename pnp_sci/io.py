@@ -101,6 +101,26 @@ def read_masks(path: str | Path, views: int | None = None, key: str | None = Non
     return _in_views(Path(path), name, array, views)
 
 
+def read_bad(path: str | Path, key: str | None = None) -> np.ndarray:
+    """Read a picture of bad pixels, those that are not 0 in it, from a file; path and errors as for :func:`read`.
+
+    Parameters
+    ----------
+    path : path
+    key : str, optional
+        Name of the array. By default ``bad``, or the only array of the file.
+
+    Returns
+    -------
+    ndarray of bool, (H, W) or (N, H, W)
+        For `bad` of :func:`pnp_sci.solve`.
+    """
+    path = Path(path)
+    arrays = _formats.load(path)
+    candidates = [name for name in ("bad",) if name in arrays] or list(arrays)
+    return _chosen(path, arrays, candidates, key, "picture of bad pixels")[1] != 0
+
+
 def read_video(path: str | Path, views: int | None = None, key: str | None = None, colour: bool = False) -> np.ndarray:
     """Read a video (V, B, H, W), or those of several measurements (N, V, B, H, W), from a file; see :func:`read`.
 

@@ -26,7 +26,7 @@ class Source:
     Attributes
     ----------
     measurement, masks : path
-    views, key, masks_key, index, bad : optional
+    views, key, masks_key, index, bad, bad_key : optional
         As for ``pnp-sci solve``.
     calibration : path, optional
         It makes the measurement of a raw picture, and has the masks.
@@ -46,6 +46,7 @@ class Source:
     each: bool = False
     calibration: Path | None = None
     full_scale: float | None = None
+    bad_key: str | None = None
 
     def python(self) -> str:
         """Python code that reads both files."""
@@ -63,7 +64,7 @@ class Source:
         if self.bad == "auto":
             lines.append("bad = 'auto'")
         elif self.bad is not None:
-            lines.append(f"bad = io.read({self.bad!r}) != 0")
+            lines.append(f"bad = {_call('io.read_bad', repr(self.bad), key=self.bad_key)}")
             if chosen:
                 lines.append(f"bad = bad{chosen} if bad.ndim == 3 else bad")
             if self.calibration is not None:
@@ -73,7 +74,7 @@ class Source:
     def command(self) -> list[str]:
         """Words of the command line before the options of the method."""
         options = {"views": self.views, "key": self.key, "masks_key": self.masks_key, "index": self.index}
-        options |= {"bad": self.bad, "calibration": self.calibration}
+        options |= {"bad": self.bad, "bad_key": self.bad_key, "calibration": self.calibration}
         options |= {"masks": self.masks if self.masks != self.calibration else None}
         return ["pnp-sci", "solve", str(self.measurement), *_options(options)]
 

@@ -16,8 +16,8 @@ class Finding:
     ----------
     kind : str
         "shift", "arrangement", "inverted", "no code", "black level", "sharpness", "contrast", "saturation", "sign",
-        "noise", "hot", "dead", "stuck", "coarse", "missing", "empty", "static", "views", "repeated"
-        or "frame order".
+        "noise", "hot", "dead", "stuck", "coarse", "wrapped", "missing", "empty", "static", "views",
+        "repeated" or "frame order".
     text : str
         What is seen.
     hint : str

@@ -18,10 +18,12 @@ from pnp_sci.camera.scattered import scattered_hot
 from pnp_sci.camera.stuck import stuck_lines
 from pnp_sci.camera.values import beyond, centred, loud, saturation, sign, stuck_at, unlike
 from pnp_sci.camera.verdict import judge_code, shift_of, told
+from pnp_sci.camera.wrapped import wrapped, wrapped_at
 from pnp_sci.sensing.operator import SensingOperator
 from pnp_sci.sensing.sensor import Sensor
 
 OTHERS = {"arrangement", "inverted", "no code"}  # findings of masks that are not those of the measurement
+PLACED = {"shift", "arrangement", "inverted", "sign"}  # findings that explain y by themselves
 LEVELS = {"black level", "contrast", "sharpness"}  # findings that saturation and few values also cause
 
 
@@ -78,8 +80,20 @@ class Masks:
 
     def fit(self, y: np.ndarray, sensor: Sensor, bad: np.ndarray | None, warn_of_bad: bool) -> Fit:
         """How y (H, W) fits; `bad` pixels (H, W) must be 0 in it."""
-        nothing = np.zeros(y.shape, bool)
-        good, full = ~(nothing if bad is None else bad), sensor.saturated(y)
+        good = np.ones(y.shape, bool) if bad is None else ~bad
+        fit = self._without_stuck(y, sensor, good, warn_of_bad)
+        if self.signed or not (fit.findings or fit.bad.any()) or any(f.kind in PLACED for f in fit.findings):
+            return fit
+        period = wrapped(y, self.masks, self.weight, good)
+        if period is None:
+            return fit
+        nothing = np.zeros(y.shape, bool)  # all else that was found comes from that
+        findings = (*self.missing, wrapped_at(period))
+        return Fit(hot=nothing, dead=nothing, stuck=nothing, findings=findings, share=fit.share)
+
+    def _without_stuck(self, y: np.ndarray, sensor: Sensor, good: np.ndarray, warn_of_bad: bool) -> Fit:
+        """How the good pixels of y (H, W) that are of no stuck line fit."""
+        nothing, full = np.zeros(y.shape, bool), sensor.saturated(y)
         saturated = nothing if full is None else full
         stuck = nothing if self.signed else stuck_lines(y, self.sums, good & ~saturated)
         fit = self._fit(np.where(stuck, 0, y), sensor, good & ~stuck, saturated, warn_of_bad)

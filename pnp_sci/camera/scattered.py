@@ -5,13 +5,11 @@ from __future__ import annotations
 import numpy as np
 
 from pnp_sci.camera.outliers import FEW, LEAST, PASSES, UNLIKELY, expected, most_unlike, tail_size, typical_step
+from pnp_sci.camera.pile import NEAR
 from pnp_sci.camera.rise import rise
 from pnp_sci.camera.verdict import HALF, SURELY
 
 TWICE = 2.0  # ratio to neighbours within two pixels, more for others
-DARKER = 0.25  # of the hot pixels that are found first: pixels as bright do not count as neighbours
-CEILING = 0.98  # of the brightest hot pixel
-MANY = 0.5  # of the pixels in the tail: fewer leave the tail to good pixels
 
 
 def scattered_hot(y: np.ndarray, weight: np.ndarray, masks: np.ndarray, usable: np.ndarray) -> np.ndarray:
@@ -37,15 +35,15 @@ def scattered_hot(y: np.ndarray, weight: np.ndarray, masks: np.ndarray, usable: 
         return none
     for _ in range(PASSES):  # what is found no longer hides others
         left = usable & ~hot
-        as_bright = left & (y >= (np.quantile(y[hot], DARKER) if hot.any() else np.inf))
+        as_bright = left & (y >= (np.median(y[hot]) if hot.any() else np.inf))
         rows, columns, ratio, reach = most_unlike(y, weight, left, most, beside=left & ~as_bright)
         chosen = ratio > np.where(as_bright[rows, columns], LEAST, TWICE) * reach / 2
         hot[rows[chosen], columns[chosen]] = True
-        if not MANY * tail_size(y.size) < hot.sum() < most:
+        if not HALF * tail_size(y.size) < hot.sum() < most:
             return none
         if not chosen.any():
             break
-    if np.mean(y[hot] >= CEILING * y[hot].max()) < HALF:  # flashes differ in brightness
+    if np.mean(y[hot] >= (1 - NEAR) * y[hot].max()) < HALF:  # flashes differ in brightness
         return none
     excess = (y - expected(y, weight, usable & ~hot))[hot]
     of_noise = np.median(excess) < UNLIKELY * typical_step(y, usable & ~hot)

@@ -41,6 +41,7 @@ def compare(
     reference_key: str | None,
     iterations: int | None,
     bad: str | None,
+    bad_key: str | None,
     noise: str,
     gain: float | None,
     full_scale: float | None,
@@ -62,12 +63,12 @@ def compare(
     from pnp_sci import bench, io
 
     y = io.read_measurement(measurement, key)
-    masks, unused = masks_for(measurement, masks_file, calibration, views, masks_key), bad_pixels(bad)
-    raw = {} if calibration is None else {"calibration": calibration, "full_scale": full_scale}
+    masks, unused = masks_for(measurement, masks_file, calibration, views, masks_key), bad_pixels(bad, bad_key)
+    black_level, raw = 0.0, {} if calibration is None else {"calibration": calibration, "full_scale": full_scale}
     if calibration is not None:
-        made, unused, full_scale = calibrated(calibration, unused, full_scale)
+        made, unused, full_scale, black_level = calibrated(calibration, unused, full_scale)
         y = made.correct(y)
-    sensor = camera(noise, gain, full_scale, bits)
+    sensor = camera(noise, gain, full_scale, bits, black_level)
     several, each = y.ndim == 3, masks.ndim == 5
     truth = None if truth_file is None else true_video(truth_file, masks.shape[-4:], several, reference_key)
     if several or index is not None:
@@ -80,7 +81,7 @@ def compare(
         masks,
         bench.grid(iterations=iterations, **{name: words(text) for name, text in grid.items()}),
         reference=truth,
-        source=bench.Source(*files, **raw),
+        source=bench.Source(*files, bad_key=bad_key, **raw),
         progress=interactive(),
         noise=sensor,
         seed=seed,

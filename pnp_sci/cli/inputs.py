@@ -46,8 +46,8 @@ def say_whose(masks_file: Path | None, calibration: Path | None) -> None:
         click.echo(f"Warning: --masks takes the masks only, {left}: --calibration takes all", err=True)
 
 
-def calibrated(file: Path, bad: Any, full_scale: float | None) -> tuple[Calibration, Any, float | None]:
-    """The calibration in a file, and bad pixels and full scale of the measurements that it makes.
+def calibrated(file: Path, bad: Any, full_scale: float | None) -> tuple[Calibration, Any, float | None, float]:
+    """The calibration in a file, and bad pixels, full scale and black level of the measurements that it makes.
 
     `bad` and `full_scale` are what the options say of the camera.
     """
@@ -59,7 +59,8 @@ def calibrated(file: Path, bad: Any, full_scale: float | None) -> tuple[Calibrat
     made = made if full_scale is None else replace(made, full_scale=full_scale)
     if isinstance(bad, np.ndarray) and bad.shape != made.bad.shape:
         bad = made.cropped("bad", bad)
-    return made, bad, made.saturation
+    full_scale, saturation = made.full_scale, made.saturation
+    return made, bad, saturation, 0.0 if full_scale is None or saturation is None else full_scale - saturation
 
 
 def usable_truth(

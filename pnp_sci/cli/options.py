@@ -83,10 +83,13 @@ camera_options = _several(
         metavar="FILE|auto",
         help="Picture that is not 0 in bad pixels, which are not used; or auto: hot, dead and stuck ones are found.",
     ),
+    click.option("--bad-key", help="Name of the picture in the file of --bad, where it cannot be told."),
 )
 
 
-def camera(noise: str, gain: float | None, full_scale: float | None, bits: int | None) -> str | float | Sensor:
+def camera(
+    noise: str, gain: float | None, full_scale: float | None, bits: int | None, black_level: float = 0.0
+) -> str | float | Sensor:
     """What the options of the camera stand for: the `noise` of :func:`pnp_sci.solve`."""
     try:
         level = noise if noise == "auto" else float(noise)
@@ -97,20 +100,22 @@ def camera(noise: str, gain: float | None, full_scale: float | None, bits: int |
     from pnp_sci.sensing.sensor import Sensor
 
     try:
-        return Sensor(level, gain or 0.0, full_scale, bits)  # type: ignore[arg-type]
+        return Sensor(level, gain or 0.0, full_scale, bits, black_level)  # type: ignore[arg-type]
     except InputError as error:
         raise click.BadParameter(str(error), param_hint="--noise, --gain, --full-scale, --bits") from error
 
 
-def bad_pixels(bad: str | None) -> Any:
-    """What ``--bad`` stands for: the `bad` of :func:`pnp_sci.solve`."""
+def bad_pixels(bad: str | None, key: str | None) -> Any:
+    """What ``--bad`` and ``--bad-key`` stand for: the `bad` of :func:`pnp_sci.solve`."""
     if bad is None or bad == "auto":
+        if key is not None:
+            raise click.BadParameter(f"{key!r} came, but no file: --bad FILE was expected", param_hint="--bad-key")
         return bad
     if not Path(bad).is_file():
         raise click.BadParameter(f"{bad!r} came, a file or auto was expected", param_hint="--bad")
     from pnp_sci import io
 
-    return io.read(bad) != 0
+    return io.read_bad(bad, key)
 
 
 def pairs(options: tuple[str, ...]) -> dict[str, Any]:

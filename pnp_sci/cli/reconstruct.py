@@ -47,6 +47,7 @@ def reconstruct(
     scheduler: str | None,
     prior: str,
     bad: str | None,
+    bad_key: str | None,
     noise: str,
     gain: float | None,
     full_scale: float | None,
@@ -71,12 +72,12 @@ def reconstruct(
         if among and not (file.suffix.lower() in CONTAINERS and len(pnp_sci.io.describe(file)) > 1):
             came = f"{option} {file} is in the folder of the measurements, where each file counts as one"
             raise click.UsageError(f"{came}: keep it elsewhere")
-    unused = bad_pixels(bad)
+    unused, black_level = bad_pixels(bad, bad_key), 0.0
     if calibration is None:
         say_whose(masks_file, None)
         masks = pnp_sci.io.read_masks(given, views, masks_key)
     else:
-        masks, unused, full_scale = calibrated(calibration, unused, full_scale)
+        masks, unused, full_scale, black_level = calibrated(calibration, unused, full_scale)
     with _estimates_shown():
         result = pnp_sci.reconstruct(
             source[0] if len(source) == 1 else list(source),
@@ -84,7 +85,7 @@ def reconstruct(
             out,
             scheduler,
             prior=staged,
-            noise=camera(noise, gain, full_scale, bits),
+            noise=camera(noise, gain, full_scale, bits, black_level),
             bad=unused,
             progress=interactive(),
             **settings,

@@ -60,6 +60,7 @@ def solve(
     index: int | None,
     prior: str,
     bad: str | None,
+    bad_key: str | None,
     noise: str,
     gain: float | None,
     full_scale: float | None,
@@ -83,11 +84,11 @@ def solve(
 
     y = io.read_measurement(measurement, key)
     masks = masks_for(measurement, masks_file, calibration, views, masks_key)
-    unused = bad_pixels(bad)
+    unused, black_level = bad_pixels(bad, bad_key), 0.0
     if calibration is not None:
-        made, unused, full_scale = calibrated(calibration, unused, full_scale)
+        made, unused, full_scale, black_level = calibrated(calibration, unused, full_scale)
         y = made.correct(y)
-    sensor = camera(noise, gain, full_scale, bits)
+    sensor = camera(noise, gain, full_scale, bits, black_level)
     shape, colour, count = masks.shape[-4:], settings["mosaic"] is not None, len(y) if y.ndim == 3 else None
     check_white(white, shape[0])
     if index is not None:

@@ -183,12 +183,14 @@ class _Files:
 
 
 def _joined(paths: list[Path], key: str | None) -> Source:
-    """All files one after the other; a damaged one counts as one measurement, which fails when its turn comes."""
+    """All files one after the other; one that cannot be read counts as one measurement, which fails in its turn."""
     first, counts, errors = None, [], []
     for path in paths:
         try:
             one = _of_path(path, key)
-        except FormatError as error:
+        except (FileNotFoundError, PermissionError):
+            raise
+        except (FormatError, OSError) as error:  # damaged, or on a disk that is away for a moment
             errors.append(error)
             counts.append(1)
             continue

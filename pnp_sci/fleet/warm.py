@@ -9,8 +9,11 @@ import numpy as np
 
 from pnp_sci.api import solve
 from pnp_sci.fleet.job import Job, part_of
+from pnp_sci.fleet.settings import with_defaults
+from pnp_sci.plugins.combine import turns
+from pnp_sci.plugins.resolve import as_prior
 
-ENOUGH = 62  # iterations: strong priors begin with 60 of total variation, and a second call uses what the first found
+CALLS = 2  # of a strong prior: the second one uses what the first found
 
 _warm: set[str] = set()
 _warming = threading.Lock()
@@ -40,5 +43,14 @@ def warm_up(job: Job, y: np.ndarray, options: dict[str, Any]) -> None:
         for _ in range(2 if options.get("prior") == "auto" else 0):  # the first one loads what the choice depends on
             first["prior"] = solve(y, job.masks, **once).settings["prior"]
         solved(iterations=1)
-        solved(iterations=min(ENOUGH, options.get("iterations") or ENOUGH), init="adjoint")
+        limits = _enough(first, job.masks.shape), options.get("iterations")
+        solved(iterations=min((limit for limit in limits if limit is not None), default=None), init="adjoint")
         _warm.add(job.fingerprint)
+
+
+def _enough(options: dict[str, Any], shape: tuple[int, ...]) -> int | None:
+    """Iterations up to a second call of the prior that serves last; None, a whole solve, of a plain prior alone."""
+    given = with_defaults(options)
+    prior = as_prior(given["prior"], device=given["device"], seed=given["seed"], **given["prior_options"])
+    before = turns(prior, shape)[-1].begins
+    return before + CALLS if before or prior.traits(shape).strong else None

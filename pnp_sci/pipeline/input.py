@@ -129,7 +129,8 @@ class Input:
             if left_out is None or left_out[0] is not whole or not np.array_equal(bad, left_out[1]):
                 left_out = whole, bad, without(whole, bad)
             problem = pose(left_out[2], self.largest, y, sensor, bad if bad.any() else None)
-            for _ in range(PASSES if self.find_bad else 0):  # what is left out no longer misleads the estimate
+            wrapped = any(finding.kind == "wrapped" for finding in fit.findings)  # which nothing explains
+            for _ in range(PASSES if self.find_bad and not wrapped else 0):  # what is left out misleads no longer
                 if not (faint := unexplained(problem)).any():
                     break
                 bad = bad | faint
@@ -150,7 +151,7 @@ class Input:
         if self.bad is not None:
             measurements = np.where(self.bad, 0, measurements)
         if full is not None and full > black:
-            sensor = replace(sensor, full_scale=full - black)
+            sensor = replace(sensor, full_scale=full - black, black_level=max(sensor.black_level + black, 0.0))
         op, largest = check_operator(registration.masks, measurements)
         return replace(self, measurements=measurements, ops=[op], largest=largest, registration=registration), sensor
 

@@ -36,6 +36,10 @@ LITTLE = 1.5  # times the residual of noise: a measurement of noise alone has no
 UNEXPLAINED = "the video explains nothing of y: the relative residual is {:.2f}, where that of a black video is 1; {}"
 OF_THE_PRIOR = "test the prior with pnp_sci.testing.check_prior"
 OF_THE_MASKS = "the masks are all 0"
+NO_TIME = (
+    "x is the first estimate, as no iteration could be finished within the time budget: first calls in a process also "
+    "load and compile code; call solve again, or give more time"
+)
 JUDGING = 0.25  # of a time budget, to find out what of a scene has to be modelled
 
 
@@ -124,7 +128,7 @@ def reconstruct(
             put(video, own, problem.unit)
         facts = session.facts()
     solved = [unseen.of(problem) for problem in kept_problems]
-    remarks = remarks + _unexplained(joint, status, records)
+    remarks = remarks + _of_the_end(joint, status, records)
     scenes = [found(scene, problem, facts.get("still", []), remarks) for problem in solved]
     records = [replace(record, measurement=window.kept.start) for record in records]
     if truth and records:
@@ -184,8 +188,10 @@ def _compare(
         found["remarks"] += truth.remarks(video, n)
 
 
-def _unexplained(problem: Problem, status: Status, records: Sequence[Record]) -> list[str]:
-    """The remark on a video that explains nothing of y, though no failure was found."""
+def _of_the_end(problem: Problem, status: Status, records: Sequence[Record]) -> list[str]:
+    """The remark on a video that explains nothing of y, though no failure was found, or for which there was no time."""
+    if status is Status.TIME_BUDGET and records[-1].iteration == 0:
+        return [NO_TIME]
     floor = LITTLE * noise_floor(problem.typical_noise, problem.y)
     if status not in (Status.CONVERGED, Status.ITERATIONS) or explains(records[-1].residual, floor):
         return []

@@ -97,9 +97,9 @@ def together(problems: Sequence[Problem]) -> Problem:
 
 def alike(problems: Sequence[Problem], same_noise: bool) -> list[Problem]:
     """Problems of measurements by one camera: all in the median of their units, with the median of estimated noise."""
-    unit = float(np.median([problem.unit for problem in problems]))
+    unit = float(np.median([float(problem.unit) for problem in problems]))
     scaled = [replace(problem.scaled(unit / float(problem.unit)), unit=unit) for problem in problems]
     if not same_noise:
         return scaled
-    noise = float(np.median([problem.noise for problem in scaled]))
-    return [replace(problem, noise=noise) for problem in scaled]
+    noises: list[Any] = [problem.noise for problem in scaled]
+    return [replace(problem, noise=float(np.median(noises))) for problem in scaled]

@@ -34,6 +34,8 @@ class Sensor:
         it are saturated.
     bits : int, optional
         The camera has 2**bits grey levels from 0 to full scale; 1 to 32, needs `full_scale`.
+    black_level : float
+        What has been subtracted from y, >= 0: the grey levels begin that much below 0.
 
     Raises
     ------
@@ -51,6 +53,7 @@ class Sensor:
     gain: float = 0.0
     full_scale: float | None = None
     bits: int | None = None
+    black_level: float = 0.0
 
     def __post_init__(self):
         def store(name: str, value: Any) -> None:
@@ -60,6 +63,7 @@ class Sensor:
             expected = '"auto" or a standard deviation >= 0 in the units of y'
             store("read_noise", finite_number("read_noise", self.read_noise, expected))
         store("gain", finite_number("gain", self.gain))
+        store("black_level", finite_number("black_level", self.black_level))
         if self.gain and self.read_noise == "auto":
             raise InputError('read_noise is "auto": a number was expected beside a gain, in the units of y')
         if self.full_scale is not None:
@@ -74,12 +78,13 @@ class Sensor:
                 )
 
     def __repr__(self) -> str:
-        return f"pnp_sci.Sensor({self.read_noise!r}, {self.gain}, {self.full_scale}, {self.bits})"
+        black = f", {self.black_level}" if self.black_level else ""
+        return f"pnp_sci.Sensor({self.read_noise!r}, {self.gain}, {self.full_scale}, {self.bits}{black})"
 
     @property
     def step(self) -> float:
         """Distance between two grey levels in the units of y; 0 without quantisation."""
-        return self.full_scale / (2**self.bits - 1) if self.full_scale and self.bits else 0.0
+        return (self.full_scale + self.black_level) / (2**self.bits - 1) if self.full_scale and self.bits else 0.0
 
     def expose(self, clean: np.ndarray, seed: int = 0) -> np.ndarray:
         """Add noise to a noise-free measurement `clean` (H, W), then clip and quantise it.
@@ -106,9 +111,9 @@ class Sensor:
             y = np.where(few, some, many)
         y += self.read_noise * random.standard_normal(y.shape)
         if self.full_scale is not None:
-            y = np.clip(y, 0, self.full_scale)
+            y = np.clip(y, -self.black_level, self.full_scale)
         if self.step > 0:
-            y = np.round(y / self.step) * self.step
+            y = np.round((y + self.black_level) / self.step) * self.step - self.black_level
         return y.astype(np.result_type(clean, np.float32))
 
     def deviation(self, y: np.ndarray) -> np.ndarray | float:

@@ -244,6 +244,31 @@ def test_commands_take_a_calibration_and_its_full_scale(saturated, tmp_path, mon
     np.testing.assert_array_equal(x, expected.x)
 
 
+@pytest.mark.parametrize("command", ["solve", "compare", "reconstruct"])
+def test_grey_levels_are_those_of_raw_pictures(saturated, tmp_path, monkeypatch, command):
+    """Bug: they began at the dark frame, and their step was too small."""
+    monkeypatch.chdir(tmp_path)
+    made, raw, _ = saturated
+    made.save("c.npz")
+    io.write("raw.npy", raw)
+    seen = []
+
+    def stopped(*arguments, **options):
+        seen.append(options["noise"])
+        raise InputError("enough")
+
+    monkeypatch.setattr(
+        {"solve": "pnp_sci.api.solve", "compare": "pnp_sci.bench.compare", "reconstruct": "pnp_sci.reconstruct"}[
+            command
+        ],
+        stopped,
+    )
+    CliRunner().invoke(main, [command, "raw.npy", "--calibration", "c.npz", "--bits", "12"])
+    assert seen[0].step == pytest.approx(4095 / (2**12 - 1))
+    assert seen[0].full_scale == made.saturation
+    assert eval(repr(seen[0])) == seen[0]
+
+
 def test_a_raw_picture_that_is_missing_is_no_measurement(saturated, tmp_path):
     made, raw, _ = saturated
     videos = pnp_sci.reconstruct(np.stack([raw, 0 * raw]), made, tmp_path / "v.zarr", prior="tv", iterations=1)

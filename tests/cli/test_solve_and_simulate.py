@@ -103,6 +103,23 @@ def test_several_measurements_and_one_of_them(here):
     assert "reference has shape (2, 15, 32, 32)" in run("solve", "m.h5", "--reference", "long.npz").output
 
 
+def test_bad_pixels_in_a_file_of_several_arrays(meas):
+    """Bug: there was no way to say which one is meant."""
+    bad = np.zeros((32, 32), bool)
+    bad[:3] = True
+    io.write("several.npz", {"bad": bad, "dead": bad[::-1], "hot": bad[:, ::-1] & bad.T})
+    io.write("others.npz", {"dead": bad, "hot": bad.T})
+    for words, expected in (
+        (("several.npz",), bad),
+        (("several.npz", "--bad-key", "hot"), bad[:, ::-1] & bad.T),
+        (("others.npz", "--bad-key", "dead"), bad),
+    ):
+        assert run("solve", meas, "--iterations", 2, "--bad", *words).exit_code == 0
+        assert Result.load("result.npz").scene["bad"] == expected.sum()
+    assert "dead and hot could each be" in fails(1, "solve", meas, "--bad", "others.npz")
+    assert "--bad-key: 'hot' came, but no file" in fails(2, "solve", meas, "--bad", "auto", "--bad-key", "hot")
+
+
 def test_scores_are_the_same_in_grey_levels(meas):
     scene = embedded_scene(32)
     grey = (255 * scene.truth).round().astype(np.uint8)
@@ -171,7 +188,9 @@ def test_the_camera_on_the_command_line(meas, tmp_path):
     for command, out in (("solve", ("--out", tmp_path / "r.npz")), ("compare", ("--priors", "tv", "--iterations", 2))):
         assert run(command, meas, *words, *out).exit_code == 0
     settings = Result.load(tmp_path / "r.npz").settings
-    assert settings["sensor"] == {"read_noise": 0.1, "gain": 0.01, "full_scale": 6.0, "bits": 8}
+    assert settings["sensor"] == {
+        "read_noise": 0.1, "gain": 0.01, "full_scale": 6.0, "bits": 8, "black_level": 0.0
+    }  # fmt: skip
     assert "beside a gain" in fails(2, "solve", meas, "--gain", 1)
     assert "full_scale is None" in fails(2, "compare", meas, "--noise", 1, "--bits", 8)
 

@@ -1,8 +1,10 @@
 """What may be a source, and that only what is asked for is read."""
 
+import errno
 import os
 import subprocess
 import sys
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -261,6 +263,26 @@ def test_a_damaged_file_among_others_is_met_in_its_turn(tmp_path, place, fails, 
         source.read(fails, fails + 1)
     with pytest.raises(FormatError, match="damaged"):
         open_source([files[place]] * 2)
+
+
+@pytest.mark.parametrize("code", [errno.EIO, errno.ESTALE, errno.ETIMEDOUT])
+def test_a_disk_that_is_away_for_a_moment_costs_one_measurement(tmp_path, monkeypatch, code):
+    """Bug: it ended the run, where a damaged file fails alone."""
+    source, stat, opens = as_folder(tmp_path), Path.stat, Path.open
+
+    def away(path, **options):
+        if path.name == "picture_10.png":
+            raise OSError(code, os.strerror(code), str(path))
+        return stat(path, **options)
+
+    with monkeypatch.context() as patch:
+        patch.setattr(Path, "open", lambda path, *mode, **options: away(path) and opens(path, *mode, **options))
+        opened = open_source(source)
+        patch.setattr(Path, "stat", away)
+        with pytest.raises(OSError, match=r"picture_10\.png"):
+            opened.read(2, 3)
+        np.testing.assert_array_equal(opened.read(3, 4), Y[3:4])
+    np.testing.assert_array_equal(opened.read(2, 3), Y[2:3])
 
 
 def test_nobody_is_advised_to_unpickle(tmp_path):

@@ -144,6 +144,26 @@ def test_each_process_warms_up_outside_the_time_budget(client, tmp_path, monkeyp
     assert asked == [(1, None), (3, None)]
 
 
+@pytest.mark.parametrize(
+    ("options", "most"),
+    [
+        ({"prior": "bm3d", "first": 3}, 5),
+        ({"prior": "bm3d", "first": 3, "iterations": 4}, 4),
+        ({"prior": [("tv", 7), ("wavelet", 3)]}, 9),
+        ({"prior": "wavelet"}, None),
+    ],
+)
+def test_warming_up_reaches_the_last_prior(client, tmp_path, monkeypatch, options, most):
+    """Bug: it took 62 iterations, whatever comes before that prior."""
+    from pnp_sci.fleet import warm
+
+    y, masks = capture(count=1)
+    asked, solve = [], warm.solve
+    monkeypatch.setattr(warm, "solve", lambda *a, **k: asked.append(k["iterations"]) or solve(*a, **k))
+    assert pnp_sci.reconstruct(y, masks, tmp_path / "v.zarr", client, **options).ok
+    assert asked == [1, most]
+
+
 def test_a_measurement_that_kills_its_workers_is_recorded(tmp_path, process):
     import dask
 

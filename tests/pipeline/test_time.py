@@ -23,6 +23,16 @@ def test_time_budget(scene):
     assert np.isfinite(result.x).all()
 
 
+def test_a_budget_in_which_no_iteration_fits_is_said(scene):
+    """Bug: the first call of a process may return the first estimate, and only the status told something."""
+    result = solve(scene.y, scene.masks, time_budget=1e-6)
+    assert (result.status, result.history[-1].iteration) == (Status.TIME_BUDGET, 0)
+    (remark,) = result.remarks
+    assert "no iteration" in remark
+    assert "load and compile" in remark
+    assert not solve(scene.y, scene.masks, time_budget=60.0).remarks
+
+
 def test_plateau_stops_the_solver(scene):
     result = solve(scene.y, scene.masks, tol=0.02)
     assert result.status is Status.CONVERGED

@@ -55,6 +55,13 @@ def test_levels_end_at_full_scale_and_are_saturated_there(full_scale, bits, seed
     assert np.array_equal(saturated, np.isclose(y, full_scale, rtol=1e-6))
 
 
+def test_grey_levels_begin_below_a_black_level_that_was_subtracted():
+    raw, y = (Sensor(3.0, full_scale=255 - black, bits=8, black_level=black) for black in (0.0, 20.0))
+    clean = np.linspace(0, 300, 90).reshape(9, 10)
+    assert raw.step == y.step == 1
+    np.testing.assert_array_equal(y.expose(clean) + 20, raw.expose(clean + 20))
+
+
 def test_nothing_is_saturated_without_a_full_scale():
     assert Sensor(0.1).saturated(np.ones((4, 4))) is None
     assert Sensor(0.1, full_scale=2).saturated(np.ones((4, 4))) is None
