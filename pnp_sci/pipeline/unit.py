@@ -4,30 +4,19 @@ from __future__ import annotations
 
 import time
 from collections.abc import Sequence
-from dataclasses import dataclass
 
 import numpy as np
 
-from pnp_sci._tuned import Tuned
 from pnp_sci.plugins import registry
 from pnp_sci.scene.choose import QUICK
 from pnp_sci.sensing.problem import TUNED as UNIT
 from pnp_sci.sensing.problem import Problem, level
 from pnp_sci.solvers.iterate import iterate
 
-ROUNDS = 3  # estimates at most, each in the unit that the one before has found
-
-
-@dataclass(frozen=True)
-class SpanNumbers(Tuned):
-    """Parameters of the quick estimate that shows how far a video spans."""
-
-    iterations: int = 10
-    sigma: float = 0.4  # large, so that small things become bright within few iterations
-    usual: float = 1.2  # what a natural scene spans in the unit that y and the masks tell
-
-
-TUNED = SpanNumbers()
+ROUNDS = 3  # quick estimates at most, each in the unit that the one before has found
+ITERATIONS = 10  # of a quick estimate
+SIGMA = 0.4  # of its total variation: large, so that small things become bright within few iterations
+USUAL = 1.2  # what quick estimates of natural scenes span at most
 
 
 def in_unit_of_scene(problems: Sequence[Problem], until: float = np.inf) -> list[Problem]:
@@ -44,7 +33,7 @@ def in_unit_of_scene(problems: Sequence[Problem], until: float = np.inf) -> list
         if time.perf_counter() > until:
             break
         x = _quick(problems[len(problems) // 2], tv(still=False))  # type: ignore[misc]
-        spanned = float(np.quantile(x, 1 - UNIT.brighter)) / TUNED.usual
+        spanned = float(np.quantile(x, 1 - UNIT.brighter)) / USUAL
         if not 1 < spanned < np.inf:
             break
         problems = [problem.scaled(spanned) for problem in problems]
@@ -53,6 +42,5 @@ def in_unit_of_scene(problems: Sequence[Problem], until: float = np.inf) -> list
 
 def _quick(problem: Problem, prior: object) -> np.ndarray:
     op, y = problem.op, problem.y
-    noise, sigma, saturated = problem.noise, TUNED.sigma, problem.saturated
-    states = iterate(op, y, prior, level(op, y), noise=noise, sigma=sigma, saturated=saturated)
-    return next(state.x for state in states if state.iteration == TUNED.iterations)
+    states = iterate(op, y, prior, level(op, y), noise=problem.noise, sigma=SIGMA, saturated=problem.saturated)
+    return next(state.x for state in states if state.iteration == ITERATIONS)
