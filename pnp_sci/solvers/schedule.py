@@ -86,6 +86,31 @@ def element(op: SensingOperator) -> float:
     return (3 * side + float(np.sqrt(max(9 * side**2 - 8, 1.0)))) / 4
 
 
+def alike(op: SensingOperator) -> float:
+    """How much more masks that are alike leave open than independent ones, >= 1: as many times as many frames would.
+
+    From the covariance C of n masks over p pixels, freed of what all masks have in common:
+    ``(n - 1) sum(C^2) / trace(C)^2``, less n / p, which is chance. This is 1 for independent masks, and 2 where the
+    masks of two views add up to 1, as with the two arms of a micromirror device: of the sum of both views only the mean
+    over time is measured. Of a sequence, that of the first measurement.
+
+    >>> masks = np.random.default_rng(0).integers(0, 2, (1, 8, 64, 64))
+    >>> both = (np.concatenate([masks, others]) for others in (masks[..., ::-1], 1 - masks))
+    >>> [round(alike(SensingOperator(pair)), 1) for pair in both]
+    [1.0, 1.9]
+    """
+    masks = op.parts[0].masks
+    frames = masks.reshape(-1, masks[0, 0].size)
+    count, pixels = frames.shape
+    mean = frames.mean(1, dtype=np.float64)
+    covariance = (frames @ frames.T).astype(np.float64) / pixels - np.outer(mean, mean)
+    own = covariance - covariance.mean(0) - covariance.mean(1, keepdims=True) + covariance.mean()
+    total = float(np.trace(own))
+    if total <= NOTHING * count:
+        return 1.0
+    return max(1.0, (count - 1) * float(np.sum(own**2)) / total**2 - count / pixels)
+
+
 @dataclass(frozen=True)
 class Schedule:
     """sigma of the denoiser and rho of the projection, iteration by iteration.
@@ -104,6 +129,8 @@ class Schedule:
         `sigma` for such masks without noise.
     unseen : ndarray of bool, (H, W), or None
         Pixels of y that do not count: their rho is infinite.
+    alike : float
+        How much more the masks leave open than independent ones, see :func:`alike`.
     """
 
     product: float | np.ndarray
@@ -113,12 +140,15 @@ class Schedule:
     ends: int = 0
     quiet: float = TUNED.sigma
     unseen: Array | None = None
+    alike: float = 1.0
 
     def enough(self, fast: int, most: int) -> int:
-        """How many of `most` calls of a strong prior are of use: all without noise, those of a `fast` effort with much.
+        """How many calls of a strong prior are of use: `most` without noise, those of a `fast` effort with much.
 
-        Without noise PSNR rises with every call. With noise a strong prior begins to turn noise into texture.
+        Masks that are alike need as many times more as they leave open. Without noise PSNR rises with every call. With
+        noise a strong prior begins to turn noise into texture.
         """
+        most = round(self.alike * most)
         if not np.any(self.product):
             return most
         return min(most, round(fast + TUNED.more * (self.quiet / max(self.sigma, self.quiet)) ** 4))
@@ -191,6 +221,7 @@ def schedule_for(op: SensingOperator, noise: float | np.ndarray, sigma: float | 
     frames = op.parts[0].shape[0] * op.parts[0].shape[1]
     quiet = TUNED.sigma * min(max(element(op) * float(np.sqrt(frames / USUAL)), 1.0), COARSEST)
     if sigma is not None:
-        return Schedule(product, sigma, quiet=quiet)
+        return Schedule(product, sigma, quiet=quiet, alike=alike(op))
     soft = max(TUNED.sigma, mean / (TUNED.softest * gram)) if mean > 0 else TUNED.sigma
-    return Schedule(product, max(quiet, float(np.sqrt(soft * TUNED.sigma))), _settled(loud), quiet=quiet)
+    begins = max(quiet, float(np.sqrt(soft * TUNED.sigma)))
+    return Schedule(product, begins, _settled(loud), quiet=quiet, alike=alike(op))
