@@ -90,25 +90,27 @@ def alike(op: SensingOperator) -> float:
     """How much more masks that are alike leave open than independent ones, >= 1: as many times as many frames would.
 
     From the covariance C of n masks over p pixels, freed of what all masks have in common:
-    ``(n - 1) sum(C^2) / trace(C)^2``, less n / p, which is chance. This is 1 for independent masks, and 2 where the
-    masks of two views add up to 1, as with the two arms of a micromirror device: of the sum of both views only the mean
-    over time is measured. Of a sequence, that of the first measurement.
+    ``(n - 1) sum(C^2) / trace(C)^2 - n / p``, in tenths. Less is chance. This is 1 for independent masks, and nearly 2
+    where the masks of two views add up to 1, as with the two arms of a micromirror device: of the sum of both views
+    only the mean over time is measured. Of a sequence the masks of the first measurement count.
 
     >>> masks = np.random.default_rng(0).integers(0, 2, (1, 8, 64, 64))
     >>> both = (np.concatenate([masks, others]) for others in (masks[..., ::-1], 1 - masks))
-    >>> [round(alike(SensingOperator(pair)), 1) for pair in both]
+    >>> [alike(SensingOperator(pair)) for pair in both]
     [1.0, 1.9]
     """
     masks = op.parts[0].masks
-    frames = masks.reshape(-1, masks[0, 0].size)
-    count, pixels = frames.shape
-    mean = frames.mean(1, dtype=np.float64)
-    covariance = (frames @ frames.T).astype(np.float64) / pixels - np.outer(mean, mean)
-    own = covariance - covariance.mean(0) - covariance.mean(1, keepdims=True) + covariance.mean()
+    count, pixels = masks.shape[0] * masks.shape[1], masks[0, 0].size
+    mean = masks.mean((2, 3), dtype=np.float64).ravel()
+    with np.errstate(over="ignore", invalid="ignore"):  # such masks count as independent
+        rows = (row.reshape(count, -1).astype(np.float64) for row in np.moveaxis(masks, 2, 0))
+        squares = sum((row @ row.T for row in rows), np.zeros((count, count))) / pixels
+        covariance = squares - np.outer(mean, mean)
+        own = covariance - covariance.mean(0) - covariance.mean(1, keepdims=True) + covariance.mean()
     total = float(np.trace(own))
-    if total <= NOTHING * count:
+    if not NOTHING * np.trace(squares) < total < np.inf:
         return 1.0
-    return max(1.0, (count - 1) * float(np.sum(own**2)) / total**2 - count / pixels)
+    return max(1.0, round((count - 1) * float(np.sum(own**2)) / total**2 - count / pixels, 1))
 
 
 @dataclass(frozen=True)

@@ -9,6 +9,7 @@ from made_priors import Made
 
 import pnp_sci
 from pnp_sci import SensingOperator, Status, Traits, datasets, register_decoder, solve
+from pnp_sci.sensing.scene_model import full
 from pnp_sci.solvers import pace as paces
 from pnp_sci.solvers.backend import NUMBA
 from pnp_sci.solvers.plan import Pace, make_plan
@@ -89,8 +90,9 @@ def test_a_decoder_that_would_miss_the_deadline_gives_way_and_it_is_said(scene):
 
 
 def test_the_judge_of_scenes_ends_an_estimate_in_time(scene):
-    from pnp_sci.scene.judge import _predictions
+    from pnp_sci.scene.judge import _Pixels
 
-    op = SensingOperator(scene.masks)
+    op, seen = SensingOperator(scene.masks), np.ones(scene.y.shape, bool)
+    pixels = _Pixels(op, scene.y, seen, ~seen, 0.0, until=0.0)
     with pytest.raises(TimeoutError):
-        next(_predictions(op, scene.y, np.ones(scene.y.shape, bool), 0.0, pnp_sci.as_prior("tv"), 50, until=0.0))
+        next(pixels.estimates(full(op), pnp_sci.as_prior("tv"), 50))

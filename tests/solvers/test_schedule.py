@@ -6,7 +6,7 @@ from scipy.ndimage import gaussian_filter
 
 import pnp_sci
 from pnp_sci import SensingOperator
-from pnp_sci.solvers.schedule import contrast, element, schedule_for
+from pnp_sci.solvers.schedule import alike, contrast, element, schedule_for
 from priors.tv import TV
 
 
@@ -237,3 +237,38 @@ def test_noise_of_each_pixel_makes_its_own_product():
     noise = np.array([[0.0, 0.1], [0.3, 0.5]]).repeat(12, 0).repeat(12, 1)
     alone = [schedule_for(op, float(n)).product for n in noise.flat]
     np.testing.assert_allclose(schedule_for(op, noise).product, np.reshape(alone, noise.shape))
+
+
+def opposite(shape=(2, 6, 48, 48), noise=0.0):
+    """Masks of two views that add up to 1, but for some noise."""
+    random = np.random.default_rng(5)
+    masks = random.integers(0, 2, shape).astype(np.float32)
+    masks[1] = 1 - masks[0]
+    return masks + noise * random.standard_normal(shape).astype(np.float32)
+
+
+@pytest.mark.parametrize("factor", [1e-12, 1.0, 1e12])
+def test_masks_that_add_up_to_one_leave_twice_as_much_open(factor):
+    assert alike(SensingOperator(factor * opposite())) == pytest.approx(22 / 12, abs=0.05)
+    assert 1.4 < alike(SensingOperator(factor * opposite(noise=0.2))) < 22 / 12
+
+
+@pytest.mark.parametrize("density", [0.1, 0.5, 0.9])
+@pytest.mark.parametrize("shape", [(1, 1, 16, 16), (1, 8, 32, 32), (2, 10, 64, 64), (3, 14, 48, 48)])
+def test_independent_masks_are_not_alike(shape, density):
+    masks = pnp_sci.random_masks(shape, density, seed=3).astype(np.float32)
+    rows = np.linspace(-1, 1, shape[2])
+    vignette = np.exp(-(rows[:, None] ** 2) - rows**2).astype(np.float32)
+    for some in (masks, masks * vignette, 0.3 * masks + 0.6):
+        assert alike(SensingOperator(some)) == pytest.approx(1, abs=0.03)
+
+
+@pytest.mark.parametrize("masks", [np.zeros((2, 3, 8, 8)), np.ones((2, 3, 8, 8)), np.full((1, 2, 4, 4), 1e300)])
+def test_masks_that_say_nothing_are_not_alike(masks):
+    assert alike(SensingOperator(masks)) == 1
+
+
+def test_masks_that_are_alike_get_more_calls():
+    schedule = schedule_for(SensingOperator(opposite()), 0.0)
+    assert schedule.enough(20, 50) == round(50 * schedule.alike)
+    assert schedule_for(SensingOperator(opposite()), 9.0).enough(20, 50) < 25
