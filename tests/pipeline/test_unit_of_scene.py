@@ -74,3 +74,11 @@ def test_solves_and_decoders_take_it():
     assert strong.settings["unit"][0] > 1.3 * plain.settings["unit"][0]
     decoder = pnp_sci.decode(y, masks, model=lambda problem, scene: np.zeros(problem.op.shape, np.float32))
     assert decoder.settings["unit"] == pytest.approx(strong.settings["unit"])
+
+
+def test_hot_pixels_that_are_not_known_leave_the_unit():
+    scene = pnp_sci.datasets.embedded_scene(64)
+    op, largest = check_operator(scene.masks, scene.y[None])
+    y = np.where(np.random.default_rng(0).random(scene.y.shape) < 0.01, 2 * scene.y.max(), scene.y)
+    problem = pose(op, largest, y, Sensor())
+    assert in_unit_of_scene([problem]) == [problem]
