@@ -224,13 +224,14 @@ def test_without_networks_the_first_estimate_is_a_plain_one(trained, case, monke
 
 @pytest.mark.parametrize("name", ["ofanet", "ofanet-fast"])
 def test_a_decoder_is_the_same_for_decode_and_for_solve(trained, case, name):
-    """By name or as an object, with the problem and the scene model that `solve` makes."""
+    """By name or as an object, with the problem and the scene model that `solve` with a strong prior makes."""
     y, masks = case
     video, by_object = (pnp_sci.decode(y, masks, model=model, noise=0).x for model in (name, as_decoder(name)))
     np.testing.assert_array_equal(by_object, video)
     seen = []
-    pnp_sci.solve(y, masks, "none", init=as_decoder(name), noise=0, callback=lambda state: seen.append(state.x) or True)
-    unit = pnp_sci.solve(y, masks, "none", iterations=1, noise=0).settings["unit"][0]
+    given = {"prior": strong, "init": as_decoder(name), "noise": 0}
+    unit = pnp_sci.solve(y, masks, **given, iterations=1).settings["unit"][0]
+    pnp_sci.solve(y, masks, **given, callback=lambda state: seen.append(state.x) or True)
     np.testing.assert_allclose(unit * seen[0], video, atol=0.02 * np.ptp(video))
 
 
