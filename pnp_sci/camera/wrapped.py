@@ -8,6 +8,7 @@ from pnp_sci.camera.explained import BLOCK, WIDTH
 from pnp_sci.camera.fit import Finding
 
 SHORTEST = 2**8  # the narrowest type of which anybody stores measurements
+LONGEST = 2**32  # largest period: of the widest type that cameras store
 REACHED = 0.97  # of the period: values that wrap around come from all parts of it
 PHASES = 8  # steps of that number in a period, in the pixel of the largest weight
 BETTER = 0.1  # of a perfect fit: more light is taken if it fits better by that
@@ -66,7 +67,13 @@ def _period(y: np.ndarray) -> int | None:
     """The power of two that values y (N,) may have wrapped at: whole numbers from 0 to it, no more at the top."""
     low, top = (float(end) for end in (y.min(initial=0), y.max(initial=0)))
     period = max(2 ** int(top).bit_length(), SHORTEST)
-    if low < 0 or low > (1 - REACHED) * period or not REACHED * period <= top < period or (y != np.round(y)).any():
+    if (
+        period > LONGEST
+        or low < 0
+        or low > (1 - REACHED) * period
+        or not REACHED * period <= top < period
+        or (y != np.round(y)).any()
+    ):
         return None
     at_top, below = np.sum(y == top), np.sum(y >= top - BELOW) - np.sum(y == top)
     return None if at_top > max(TWICE * below / BELOW, FEWEST) else period

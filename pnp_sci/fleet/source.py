@@ -177,6 +177,9 @@ class _Files:
             upto = min(stop, int(self.ends[k]))
             one = _opened(self.paths[k], self.key, *_stamp(self.paths[k]))
             _same_size(self.paths[k], one, self.shape)
+            if one.count != self.ends[k] - first:
+                counted = f"{self.ends[k] - first} when the files were counted"
+                raise FormatError(f"{self.paths[k]}: {one.count} measurements, but {counted}")
             parts.append(one.read(start - first, upto - first))
             start = upto
         return np.concatenate(parts) if len(parts) > 1 else parts[0]

@@ -25,24 +25,30 @@ def in_unit_of_scene(problems: Sequence[Problem], until: float = np.inf) -> list
     Where the brightest parts of a scene are small, or are there in few frames only, such as particles in the dark, the
     mean that y shows tells little of their brightness. In a unit that is too small a solver raises them slowly, and a
     network sees values that it was not trained for. A quick estimate by total variation shows more of them. It does so
-    the better, the better its unit, so it is made again as long as it spans more than natural scenes do. After the
-    moment `until` of ``time.perf_counter`` none is begun.
+    the better, the better its unit, so it is made again as long as it spans more than natural scenes do. An
+    estimate that is not done at the moment `until` of ``time.perf_counter`` does not count.
     """
+    from scipy.ndimage import minimum_filter
+
     tv, problems = registry.installed("priors", QUICK), list(problems)
     for _ in range(ROUNDS if tv else 0):
-        if time.perf_counter() > until:
+        x = _quick(problems[len(problems) // 2], tv(still=False), until)  # type: ignore[misc]
+        if x is None:
             break
-        x = _quick(problems[len(problems) // 2], tv(still=False))  # type: ignore[misc]
-        for axis in (-1, -2):  # a pixel that is brighter than its neighbours is a bad one of the sensor
-            x = np.minimum(x, np.roll(x, 1, axis))
-        spanned = float(np.quantile(x, 1 - UNIT.brighter)) / USUAL
+        # single pixels do not count, as they may be bad ones
+        spanned = float(np.quantile(minimum_filter(x, (1, 1, 2, 2), mode="nearest"), 1 - UNIT.brighter)) / USUAL
         if not 1 < spanned < np.inf:
             break
         problems = [problem.scaled(spanned) for problem in problems]
     return problems
 
 
-def _quick(problem: Problem, prior: object) -> np.ndarray:
+def _quick(problem: Problem, prior: object, until: float) -> np.ndarray | None:
+    """A quick estimate (V, B, H, W); None if it is not done at the moment `until`."""
     op, y = problem.op, problem.y
-    states = iterate(op, y, prior, level(op, y), noise=problem.noise, sigma=SIGMA, saturated=problem.saturated)
-    return next(state.x for state in states if state.iteration == ITERATIONS)
+    for state in iterate(op, y, prior, level(op, y), noise=problem.noise, sigma=SIGMA, saturated=problem.saturated):
+        if time.perf_counter() > until:
+            break
+        if state.iteration == ITERATIONS:
+            return state.x
+    return None

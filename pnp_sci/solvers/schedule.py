@@ -16,6 +16,7 @@ USUAL = 20  # frames of all views of the dual-view benchmark
 COARSEST = 5.0  # largest sigma without noise, in units of the usual one: a larger one hides motion
 NOTHING = 1e-12  # mean square of changes between masks that are rounding errors, with 1 for the largest mask
 REACH = 4  # pixels: how far away neighbours are that a mask is compared with
+EQUAL = 1 - 1e-6  # correlation of masks that are the same
 CHANCE = 0.1  # correlation of random masks of few pixels: smaller and negative ones do not count
 
 
@@ -89,10 +90,11 @@ def element(op: SensingOperator) -> float:
 def alike(op: SensingOperator) -> float:
     """How much more masks that are alike leave open than independent ones, >= 1: as many times as many frames would.
 
-    From the covariance C of n masks over p pixels, freed of what all masks have in common:
-    ``(n - 1) sum(C^2) / trace(C)^2 - n / p``, in tenths. Less is chance. This is 1 for independent masks, and nearly 2
-    where the masks of two views add up to 1, as with the two arms of a micromirror device: of the sum of both views
-    only the mean over time is measured. Of a sequence the masks of the first measurement count.
+    From the correlations R of n masks over p pixels, freed of what all masks have in common:
+    ``(n - 1) sum(R^2) / trace(R)^2 - n w^2 / p``, in tenths, with w the side of their elements. Less is chance. This is
+    1 for independent masks, and nearly 2 where the masks of two views add up to 1, as with the two arms of a
+    micromirror device: of the sum of both views only the mean over time is measured. Equal masks count once, as frames
+    that a scene model ties have them. Of a sequence the masks of the first measurement count.
 
     >>> masks = np.random.default_rng(0).integers(0, 2, (1, 8, 64, 64))
     >>> both = (np.concatenate([masks, others]) for others in (masks[..., ::-1], 1 - masks))
@@ -102,15 +104,20 @@ def alike(op: SensingOperator) -> float:
     masks = op.parts[0].masks
     count, pixels = masks.shape[0] * masks.shape[1], masks[0, 0].size
     mean = masks.mean((2, 3), dtype=np.float64).ravel()
-    with np.errstate(over="ignore", invalid="ignore"):  # such masks count as independent
+    with np.errstate(over="ignore", invalid="ignore"):  # such masks are left out
         rows = (row.reshape(count, -1).astype(np.float64) for row in np.moveaxis(masks, 2, 0))
         squares = sum((row @ row.T for row in rows), np.zeros((count, count))) / pixels
         covariance = squares - np.outer(mean, mean)
-        own = covariance - covariance.mean(0) - covariance.mean(1, keepdims=True) + covariance.mean()
-    total = float(np.trace(own))
-    if not NOTHING * np.trace(squares) < total < np.inf:
+    spread = np.sqrt(np.maximum(np.diagonal(covariance), 0))
+    changing = np.flatnonzero((spread**2 > NOTHING * np.diagonal(squares)) & np.isfinite(spread))
+    alike = covariance[np.ix_(changing, changing)] / np.outer(spread[changing], spread[changing])
+    own = ~np.any(np.tril(alike, -1) > EQUAL, 1)
+    alike = alike[np.ix_(own, own)]
+    if len(alike) < 2:
         return 1.0
-    return max(1.0, round((count - 1) * float(np.sum(own**2)) / total**2 - count / pixels, 1))
+    alike = alike - alike.mean(0) - alike.mean(1, keepdims=True) + alike.mean()
+    ratio = (len(alike) - 1) * float(np.sum(alike**2) / np.trace(alike) ** 2)
+    return max(1.0, round(ratio - len(alike) * element(op) ** 2 / pixels, 1))
 
 
 @dataclass(frozen=True)

@@ -259,7 +259,8 @@ def test_independent_masks_are_not_alike(shape, density):
     masks = pnp_sci.random_masks(shape, density, seed=3).astype(np.float32)
     rows = np.linspace(-1, 1, shape[2])
     vignette = np.exp(-(rows[:, None] ** 2) - rows**2).astype(np.float32)
-    for some in (masks, masks * vignette, 0.3 * masks + 0.6):
+    light = np.linspace(0.3, 1.7, shape[0] * shape[1]).astype(np.float32).reshape(*shape[:2], 1, 1)
+    for some in (masks, masks * vignette, 0.3 * masks + 0.6, masks * light):
         assert alike(SensingOperator(some)) == pytest.approx(1, abs=0.03)
 
 
@@ -272,3 +273,14 @@ def test_masks_that_are_alike_get_more_calls():
     schedule = schedule_for(SensingOperator(opposite()), 0.0)
     assert schedule.enough(20, 50) == round(50 * schedule.alike)
     assert schedule_for(SensingOperator(opposite()), 9.0).enough(20, 50) < 25
+
+
+@pytest.mark.parametrize("side", [2, 4, 8])
+def test_independent_elements_are_not_alike(side):
+    assert alike(SensingOperator(blocks((2, 10, 64, 64), side))) <= 1.1
+
+
+def test_frames_that_are_tied_are_not_alike():
+    op = SensingOperator(pnp_sci.random_masks((2, 8, 48, 48), seed=2))
+    for still in ((True, False), (False, True), (True, True)):
+        assert alike(pnp_sci.SceneModel((True, True), still).reduce(op)) == 1
