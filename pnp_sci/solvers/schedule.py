@@ -88,18 +88,18 @@ def element(op: SensingOperator) -> float:
 
 
 def alike(op: SensingOperator) -> float:
-    """How much more masks that are alike leave open than independent ones, >= 1: as many times as many frames would.
+    """How much more masks that are opposite leave open than independent ones, >= 1: as many times as more frames would.
 
-    From the correlations R of n masks over p pixels, freed of what all masks have in common:
-    ``(n - 1) sum(R^2) / trace(R)^2 - n w^2 / p``, in tenths, with w the side of their elements. Less is chance. This is
-    1 for independent masks, and nearly 2 where the masks of two views add up to 1, as with the two arms of a
-    micromirror device: of the sum of both views only the mean over time is measured. Equal masks count once, as frames
-    that a scene model ties have them. Of a sequence the masks of the first measurement count.
+    From the negative correlations R of n masks over p pixels: ``1 + sum(R^2) / n - n w^2 / (2 p)``, in tenths, with w
+    the side of their elements. Less is chance. This is 1 for independent masks, and 2 where the masks of two views add
+    up to 1, as with the two arms of a micromirror device: of the sum of both views only the mean over time is measured.
+    Equal masks count once, as frames that a scene model ties have them. Masks that resemble each other, as blurred ones
+    that move, are not opposite. Of a sequence the masks of the first measurement count.
 
     >>> masks = np.random.default_rng(0).integers(0, 2, (1, 8, 64, 64))
     >>> both = (np.concatenate([masks, others]) for others in (masks[..., ::-1], 1 - masks))
     >>> [alike(SensingOperator(pair)) for pair in both]
-    [1.0, 1.9]
+    [1.0, 2.0]
     """
     masks = op.parts[0].masks
     count, pixels = masks.shape[0] * masks.shape[1], masks[0, 0].size
@@ -115,9 +115,8 @@ def alike(op: SensingOperator) -> float:
     alike = alike[np.ix_(own, own)]
     if len(alike) < 2:
         return 1.0
-    alike = alike - alike.mean(0) - alike.mean(1, keepdims=True) + alike.mean()
-    ratio = (len(alike) - 1) * float(np.sum(alike**2) / np.trace(alike) ** 2)
-    return max(1.0, round(ratio - len(alike) * element(op) ** 2 / pixels, 1))
+    ratio = 1 + float(np.sum(np.minimum(alike, 0) ** 2)) / len(alike)
+    return max(1.0, round(ratio - len(alike) * element(op) ** 2 / (2 * pixels), 1))
 
 
 @dataclass(frozen=True)
@@ -139,7 +138,7 @@ class Schedule:
     unseen : ndarray of bool, (H, W), or None
         Pixels of y that do not count: their rho is infinite.
     alike : float
-        How much more the masks leave open than independent ones, see :func:`alike`.
+        How much more the masks leave open than independent ones do, see :func:`alike`.
     """
 
     product: float | np.ndarray
@@ -154,8 +153,8 @@ class Schedule:
     def enough(self, fast: int, most: int) -> int:
         """How many calls of a strong prior are of use: `most` without noise, those of a `fast` effort with much.
 
-        Masks that are alike need as many times more as they leave open. Without noise PSNR rises with every call. With
-        noise a strong prior begins to turn noise into texture.
+        Masks that are opposite need as many times more as they leave open. Without noise PSNR rises with every call.
+        With noise a strong prior begins to turn noise into texture.
         """
         most = round(self.alike * most)
         if not np.any(self.product):
