@@ -147,8 +147,9 @@ def test_shipped_weights_start_well():
 def test_warm_start(trained, case, init):
     y, masks = case
     start = pnp_sci.decode(y, masks, model=init)
-    result = pnp_sci.solve(y, masks, init=init, iterations=5)
+    result = pnp_sci.solve(y, masks, "flow", init=init, iterations=5)
     assert result.settings["init"] == init
+    assert result.settings["unit"] == start.settings["unit"]
     assert result.history[0].residual == pytest.approx(start.history[0].residual, rel=1e-3)
     assert result.status.ok
 

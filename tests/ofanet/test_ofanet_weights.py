@@ -129,7 +129,7 @@ def swapped_roles(truth, model):
     plain, other = (pnp_sci.decode(y, m, model=model).x for m in (masks, masks[::-1]))
     usual, exchanged, wrong = (pnp_sci.psnr(x, truth) for x in (plain, other[::-1], other))
     print(f"PSNR {usual}, exchanged {exchanged}, of the other view {wrong}")
-    assert np.abs(exchanged - usual).max() < (1 if model == "ofanet" else 1e-3)  # no view is the separator's first
+    assert np.abs(exchanged - usual).max() < (1 if model == "ofanet" else 0.01)  # no view is the separator's first
     assert (wrong < usual - 2).all()
 
 

@@ -6,6 +6,7 @@ import pytest
 import pnp_sci
 from pnp_sci.pipeline.unit import in_unit_of_scene
 from pnp_sci.plugins import registry
+from pnp_sci.scene import choose
 from pnp_sci.sensing.problem import check_operator, pose
 from pnp_sci.sensing.sensor import Sensor
 
@@ -82,3 +83,14 @@ def test_hot_pixels_that_are_not_known_leave_the_unit():
     y = np.where(np.random.default_rng(0).random(scene.y.shape) < 0.01, 2 * scene.y.max(), scene.y)
     problem = pose(op, largest, y, Sensor())
     assert in_unit_of_scene([problem]) == [problem]
+
+
+def test_the_scene_is_judged_in_the_unit_that_y_alone_shows(monkeypatch):
+    problem, judged = posed(particles()), []
+    [found] = in_unit_of_scene([problem])
+    monkeypatch.setattr(choose, "judge", lambda problem, *given: judged.append(problem))
+    for one in (problem, found):
+        choose.choose_scene("auto", one)
+    assert found.unit > problem.unit
+    assert judged[1].unit == pytest.approx(judged[0].unit)
+    np.testing.assert_allclose(judged[1].y, judged[0].y, rtol=1e-6)
