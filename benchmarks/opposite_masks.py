@@ -28,7 +28,7 @@ def main():
         y = pnp_sci.simulate(truth, masks, noise, seed=n)
         row = []
         for prior in PRIORS:
-            with mock.patch.object(schedule, "alike", return_value=1.0):
+            with mock.patch.object(schedule, "opposition", return_value=1.0):
                 row.append(pnp_sci.solve(y, masks, prior))
             row.append(pnp_sci.solve(y, masks, prior))
         rows.setdefault(noise, []).append([pnp_sci.psnr(result.x, truth).mean() for result in row])

@@ -76,6 +76,18 @@ class Calibration:
             )
         return float(np.float32(self.full_scale) - largest)
 
+    @property
+    def black_level(self) -> float:
+        """What measurements lack at full scale, for ``Sensor(black_level=...)``; 0 if full scale is not known.
+
+        Raises
+        ------
+        InputError
+            If full scale is not above the largest dark value.
+        """
+        saturation = self.saturation
+        return 0.0 if self.full_scale is None or saturation is None else max(self.full_scale - saturation, 0.0)
+
     def correct(self, raw: Any) -> np.ma.MaskedArray:
         """Make measurements of raw pictures: cropped, the dark frame subtracted, bad pixels masked.
 
@@ -94,7 +106,7 @@ class Calibration:
         -------
         MaskedArray of float32, (H, W) or (N, H, W)
             :func:`pnp_sci.solve` leaves masked pixels out. If some may be saturated, tell it by
-            ``noise=pnp_sci.Sensor(full_scale=calibration.saturation)``.
+            ``noise=pnp_sci.Sensor(full_scale=calibration.saturation, black_level=calibration.black_level)``.
         """
         pictures = real_array("raw", raw)
         if pictures.ndim not in (2, 3):

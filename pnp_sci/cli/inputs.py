@@ -59,8 +59,7 @@ def calibrated(file: Path, bad: Any, full_scale: float | None) -> tuple[Calibrat
     made = made if full_scale is None else replace(made, full_scale=full_scale)
     if isinstance(bad, np.ndarray) and bad.shape != made.bad.shape:
         bad = made.cropped("bad", bad)
-    full_scale, saturation = made.full_scale, made.saturation
-    return made, bad, saturation, 0.0 if full_scale is None or saturation is None else max(full_scale - saturation, 0.0)
+    return made, bad, made.saturation, made.black_level
 
 
 def usable_truth(

@@ -129,7 +129,9 @@ def predict_errors(
         noise = outcome.problems[0].noise
         told = [replace(p, noise=noise, estimated=False) if p.estimated else p for p in problems]
         others = [without_pixels(*pair) for pair in zip(told, hidden)]  # type: ignore[arg-type]
-        reconstruct_in_tiles(others, same, second, window=window, deadline=deadline, watch=Watch(None))
+        again = reconstruct_in_tiles(others, same, second, window=window, deadline=deadline, watch=Watch(None))
+        if not again.status.ok:
+            second.fill(np.nan)
     for k, (problem, pixels) in enumerate(zip(outcome.problems, window.of_kept(hidden))):
         unit = np.asarray(problem.unit, videos.dtype)
         found = uncertainty(problem, pixels, videos[k] / unit, second[k] / unit)  # type: ignore[arg-type]

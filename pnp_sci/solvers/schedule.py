@@ -87,7 +87,7 @@ def element(op: SensingOperator) -> float:
     return (3 * side + float(np.sqrt(max(9 * side**2 - 8, 1.0)))) / 4
 
 
-def alike(op: SensingOperator) -> float:
+def opposition(op: SensingOperator) -> float:
     """How much more masks that are opposite leave open than independent ones, >= 1: as many times as more frames would.
 
     From the negative correlations R of n masks over p pixels: ``1 + sum(R^2) / n - n w^2 / (2 p)``, in tenths, with w
@@ -98,7 +98,7 @@ def alike(op: SensingOperator) -> float:
 
     >>> masks = np.random.default_rng(0).integers(0, 2, (1, 8, 64, 64))
     >>> both = (np.concatenate([masks, others]) for others in (masks[..., ::-1], 1 - masks))
-    >>> [alike(SensingOperator(pair)) for pair in both]
+    >>> [opposition(SensingOperator(pair)) for pair in both]
     [1.0, 2.0]
     """
     masks = op.parts[0].masks
@@ -137,8 +137,8 @@ class Schedule:
         `sigma` for such masks without noise.
     unseen : ndarray of bool, (H, W), or None
         Pixels of y that do not count: their rho is infinite.
-    alike : float
-        How much more the masks leave open than independent ones do, see :func:`alike`.
+    opposition : float
+        How much more the masks leave open than independent ones do, see :func:`opposition`.
     """
 
     product: float | np.ndarray
@@ -148,7 +148,7 @@ class Schedule:
     ends: int = 0
     quiet: float = TUNED.sigma
     unseen: Array | None = None
-    alike: float = 1.0
+    opposition: float = 1.0
 
     def enough(self, fast: int, most: int) -> int:
         """How many calls of a strong prior are of use: `most` without noise, those of a `fast` effort with much.
@@ -156,7 +156,7 @@ class Schedule:
         Masks that are opposite need as many times more as they leave open. Without noise PSNR rises with every call.
         With noise a strong prior begins to turn noise into texture.
         """
-        most = round(self.alike * most)
+        most = round(self.opposition * most)
         if not np.any(self.product):
             return most
         return min(most, round(fast + TUNED.more * (self.quiet / max(self.sigma, self.quiet)) ** 4))
@@ -229,7 +229,7 @@ def schedule_for(op: SensingOperator, noise: float | np.ndarray, sigma: float | 
     frames = op.parts[0].shape[0] * op.parts[0].shape[1]
     quiet = TUNED.sigma * min(max(element(op) * float(np.sqrt(frames / USUAL)), 1.0), COARSEST)
     if sigma is not None:
-        return Schedule(product, sigma, quiet=quiet, alike=alike(op))
+        return Schedule(product, sigma, quiet=quiet, opposition=opposition(op))
     soft = max(TUNED.sigma, mean / (TUNED.softest * gram)) if mean > 0 else TUNED.sigma
     begins = max(quiet, float(np.sqrt(soft * TUNED.sigma)))
-    return Schedule(product, begins, _settled(loud), quiet=quiet, alike=alike(op))
+    return Schedule(product, begins, _settled(loud), quiet=quiet, opposition=opposition(op))

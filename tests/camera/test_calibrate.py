@@ -207,7 +207,8 @@ def test_saturated_measurements_end_at_one_value(saturated):
     made, raw, light = saturated
     y = made.correct(raw)
     assert made.saturation == pytest.approx(4095 - 100 - 25, abs=15)
-    camera = pnp_sci.Sensor(full_scale=made.saturation)
+    assert made.saturation + made.black_level == made.full_scale
+    camera = pnp_sci.Sensor(full_scale=made.saturation, black_level=made.black_level)
     assert y.max() == made.saturation
     assert (camera.saturated(y) | ~(raw == 4095)).all()
     assert camera.saturated(y).sum() < 1.1 * np.sum(raw == 4095)

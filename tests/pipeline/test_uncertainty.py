@@ -90,3 +90,19 @@ def test_a_callback_stops_the_second_solve_too():
     )
     assert len(calls) == 1
     assert np.isnan(result.uncertainty).all()
+
+
+def test_a_second_solve_that_fails_says_nothing():
+    """Bug: the zeros of a solve that had failed were taken for an estimate."""
+    calls = []
+
+    def fails_later(x, sigma):
+        calls.append(sigma)
+        return x if len(calls) <= 5 else np.full_like(x, np.nan)
+
+    y = pnp_sci.simulate(SCENE.truth, SCENE.masks)
+    result = pnp_sci.solve(y, SCENE.masks, fails_later, scene="full", iterations=5, uncertainty=True)
+    assert result.status.ok
+    assert len(calls) > 5
+    assert np.isnan(result.uncertainty).all()
+    assert any("uncertainty: unknown" in remark for remark in result.remarks)

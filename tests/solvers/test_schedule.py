@@ -6,7 +6,7 @@ from scipy.ndimage import gaussian_filter
 
 import pnp_sci
 from pnp_sci import SensingOperator
-from pnp_sci.solvers.schedule import alike, contrast, element, schedule_for
+from pnp_sci.solvers.schedule import contrast, element, opposition, schedule_for
 from priors.tv import TV
 
 
@@ -249,43 +249,43 @@ def opposite(shape=(2, 6, 48, 48), noise=0.0):
 
 @pytest.mark.parametrize("factor", [1e-12, 1.0, 1e12])
 def test_masks_that_add_up_to_one_leave_twice_as_much_open(factor):
-    assert alike(SensingOperator(factor * opposite())) == 2
-    assert 1.4 < alike(SensingOperator(factor * opposite(noise=0.2))) < 2
+    assert opposition(SensingOperator(factor * opposite())) == 2
+    assert 1.4 < opposition(SensingOperator(factor * opposite(noise=0.2))) < 2
 
 
 @pytest.mark.parametrize("density", [0.1, 0.5, 0.9])
 @pytest.mark.parametrize("shape", [(1, 1, 16, 16), (1, 8, 32, 32), (2, 10, 64, 64), (3, 14, 48, 48)])
-def test_independent_masks_are_not_alike(shape, density):
+def test_independent_masks_are_not_opposite(shape, density):
     masks = pnp_sci.random_masks(shape, density, seed=3).astype(np.float32)
     rows = np.linspace(-1, 1, shape[2])
     vignette = np.exp(-(rows[:, None] ** 2) - rows**2).astype(np.float32)
     light = np.linspace(0.3, 1.7, shape[0] * shape[1]).astype(np.float32).reshape(*shape[:2], 1, 1)
     for some in (masks, masks * vignette, 0.3 * masks + 0.6, masks * light):
-        assert alike(SensingOperator(some)) == pytest.approx(1, abs=0.03)
+        assert opposition(SensingOperator(some)) == pytest.approx(1, abs=0.03)
 
 
 @pytest.mark.parametrize("masks", [np.zeros((2, 3, 8, 8)), np.ones((2, 3, 8, 8)), np.full((1, 2, 4, 4), 1e300)])
-def test_masks_that_say_nothing_are_not_alike(masks):
-    assert alike(SensingOperator(masks)) == 1
+def test_masks_that_say_nothing_are_not_opposite(masks):
+    assert opposition(SensingOperator(masks)) == 1
 
 
-def test_masks_that_are_alike_get_more_calls():
+def test_masks_that_are_opposite_get_more_calls():
     schedule = schedule_for(SensingOperator(opposite()), 0.0)
-    assert schedule.enough(20, 50) == round(50 * schedule.alike)
+    assert schedule.enough(20, 50) == round(50 * schedule.opposition)
     assert schedule_for(SensingOperator(opposite()), 9.0).enough(20, 50) < 25
 
 
 @pytest.mark.parametrize("side", [2, 4, 8])
-def test_independent_elements_are_not_alike(side):
-    assert alike(SensingOperator(blocks((2, 10, 64, 64), side))) <= 1.1
+def test_independent_elements_are_not_opposite(side):
+    assert opposition(SensingOperator(blocks((2, 10, 64, 64), side))) <= 1.1
 
 
-def test_frames_that_are_tied_are_not_alike():
+def test_frames_that_are_tied_are_not_opposite():
     op = SensingOperator(pnp_sci.random_masks((2, 8, 48, 48), seed=2))
     for still in ((True, False), (False, True), (True, True)):
-        assert alike(pnp_sci.SceneModel((True, True), still).reduce(op)) == 1
+        assert opposition(pnp_sci.SceneModel((True, True), still).reduce(op)) == 1
 
 
 def test_masks_that_resemble_each_other_are_not_opposite():
     moving = gaussian_filter(pnp_sci.moving_masks((1, 14, 64, 64), seed=1).astype(np.float32), (1, 0, 1, 1))
-    assert alike(SensingOperator(moving)) <= 1.1
+    assert opposition(SensingOperator(moving)) <= 1.1
