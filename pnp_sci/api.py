@@ -184,11 +184,12 @@ def decode(
     statuses, records, problems, scenes = [], [], [], []
     for n, problem in enumerate(given.problems(sensor, fits)):
         begun = time.perf_counter()
-        [problem] = in_unit_of_scene([problem.steady()])
+        problem = problem.steady()
         if decoder.needs_scene or scene == "full":
             chosen = choose_scene(scene, problem)
         else:
             chosen = full(problem.op, "not judged: the decoder does not need it")
+        [problem] = in_unit_of_scene([problem])
         x = shaped("what the decoder returns", decoded(decoder, problem, chosen), op.shape, op.dtype)
         seconds = time.perf_counter() - begun
         put(x, videos[n], problem.unit)

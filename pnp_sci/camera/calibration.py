@@ -78,7 +78,9 @@ class Calibration:
 
     @property
     def black_level(self) -> float:
-        """What measurements lack at full scale, for ``Sensor(black_level=...)``; 0 if full scale is not known.
+        """The largest dark value, which full scale loses, for ``Sensor(black_level=...)``.
+
+        0 if full scale is not known, that value is negative, or no pixel is usable.
 
         Raises
         ------

@@ -54,8 +54,7 @@ def reconstruct(
         masked values are bad pixels. Only what a chunk needs is read.
     masks : array_like, (V, B, H, W) or (B, H, W), SensingOperator, or Calibration
         As for :func:`pnp_sci.solve`. With a calibration the source holds raw pictures, which it corrects;
-        tell what is saturated by ``noise=Sensor(full_scale=..., black_level=...)`` with its `saturation` and
-        `black_level`.
+        tell what is saturated by ``noise=Sensor(full_scale=masks.saturation, black_level=masks.black_level)``.
     out : path
         Folder for the result, OME-Zarr 0.5. Workers must see it under the same path.
     client : None, str or distributed.Client

@@ -20,7 +20,6 @@ from pnp_sci.pipeline.start import first_estimate, may_decode
 from pnp_sci.pipeline.unseen import Unseen
 from pnp_sci.plugins.combine import InTurn
 from pnp_sci.results.history import Record, Status
-from pnp_sci.scene.choose import choose_scene
 from pnp_sci.sensing.operator import SensingOperator
 from pnp_sci.sensing.problem import Problem, level
 from pnp_sci.sensing.scene_model import SceneModel, full
@@ -75,12 +74,12 @@ class Outcome:
     start: str
     shares: list[float]
     weights: list[str]
-    model: SceneModel | None = None
 
 
 def reconstruct(
     problems: Sequence[Problem],
     request: Request,
+    scene: SceneModel,
     out: np.ndarray,
     *,
     window: Window,
@@ -94,7 +93,6 @@ def reconstruct(
     """
     op, backend = problems[0].op, request.backend
     traits = request.prior.traits(op.shape)
-    scene = choose_scene(request.scene, problems[0], traits.strong, traits.strong, judged_until(deadline))
     problems = noise_of_still(problems, scene, request, judged_until(deadline))
     kept_problems = window.of_kept(problems)
     joint = together(problems)
@@ -134,7 +132,7 @@ def reconstruct(
     if truth and records:
         _compare(truth, window.kept, out, records, scenes)
     weights = list(facts.get("weights", []))
-    return Outcome(solved, status, records, scenes, unseen.describe(plan), name, finish.shares, weights, scene)
+    return Outcome(solved, status, records, scenes, unseen.describe(plan), name, finish.shares, weights)
 
 
 def _first(

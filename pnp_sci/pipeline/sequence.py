@@ -98,7 +98,7 @@ def together(problems: Sequence[Problem]) -> Problem:
 def alike(problems: Sequence[Problem], same_noise: bool) -> list[Problem]:
     """Problems of measurements by one camera: all in the median of their units, with the median of estimated noise."""
     unit = float(np.median([float(problem.unit) for problem in problems]))
-    scaled = [replace(problem.scaled(unit / float(problem.unit)), unit=unit, grown=1.0) for problem in problems]
+    scaled = [replace(problem.scaled(unit / float(problem.unit)), unit=unit) for problem in problems]
     if not same_noise:
         return scaled
     noises: list[Any] = [problem.noise for problem in scaled]

@@ -27,6 +27,7 @@ from pnp_sci.pipeline.unit import in_unit_of_scene
 from pnp_sci.results.history import History, Status
 from pnp_sci.results.result import Result
 from pnp_sci.sensing.problem import Problem
+from pnp_sci.sensing.scene_model import SceneModel, full
 from pnp_sci.sensing.sensor import Sensor
 
 _log = logging.getLogger("pnp_sci")
@@ -52,7 +53,7 @@ def solve_all(y: Any, masks: Any, reference: Any, peak: float | None, options: d
     with limited(request.threads), watching(options["callback"], options["progress"]) as watch:
         given, sensor = given.registered(request.register, request.sensor, masks)
         fits = given.check(sensor)
-        for same, window, problems in _posed(given, request, sensor, fits, began):
+        for scene, window, problems in _posed(given, request, sensor, fits, began, watch):
             kept = slice(window.kept.start, window.kept.stop)
             end = _share_of_time(began, request.time_budget, len(window.kept), count - window.kept.start)
             deadline = _middle(end) if request.uncertainty else end
@@ -60,9 +61,9 @@ def solve_all(y: Any, masks: Any, reference: Any, peak: float | None, options: d
                 outcomes.append(untouched(window.of_kept(problems), videos[kept], window.kept, truth))
                 continue
             seen = {"window": window, "watch": watch, "truth": truth}
-            outcomes.append(reconstruct_in_tiles(problems, same, videos[kept], deadline=deadline, **seen))
+            outcomes.append(reconstruct_in_tiles(problems, request, scene, videos[kept], deadline=deadline, **seen))
             if errors is not None and not watch.stopped:
-                predict_errors(same, outcomes[-1], problems, window, videos[kept], errors[kept], end)
+                predict_errors(request, scene, outcomes[-1], problems, window, videos[kept], errors[kept], end)
     began += truth.seconds if truth else 0.0  # the metrics are not the solver's time
     problems = [problem for outcome in outcomes for problem in outcome.problems]
     scenes = [scene for outcome in outcomes for scene in outcome.scenes]
@@ -87,30 +88,38 @@ def _of_options(request: Request) -> list[str]:
 
 
 def _posed(
-    given: Input, request: Request, sensor: Sensor, fits: list[Fit], began: float
-) -> Iterator[tuple[Request, Window, Sequence[Problem]]]:
-    """The problems that are solved together, window by window, and the request for them."""
+    given: Input, request: Request, sensor: Sensor, fits: list[Fit], began: float, watch: Watch
+) -> Iterator[tuple[SceneModel, Window, Sequence[Problem]]]:
+    """What is modelled, and the problems that are solved together, window by window."""
     count, strong = len(given.measurements), request.prior.traits(given.op.shape).strong
-    problems = given.problems(sensor, fits)
+
+    def judged(problems: Sequence[Problem], deadline: float | None) -> tuple[SceneModel, Sequence[Problem]]:
+        """The model, found in the unit that y alone shows, and the problems in the unit of the scene."""
+        if strong:
+            problems = [problem.steady() for problem in problems]
+        scene = scene_of_all(request.scene, problems, judged_until(deadline), careful=strong, each_view=strong)
+        return scene, in_unit_of_scene(problems, judged_until(deadline)) if strong else problems
+
     if request.sequence == 1:
-        for n, problem in enumerate(problems):
-            if strong:
-                until = judged_until(_share_of_time(began, request.time_budget, 1, count - n))
-                problem = in_unit_of_scene([problem.steady()], until)[0]
-            yield request, Window(range(n, n + 1), range(n, n + 1)), [problem]
+        for n, problem in enumerate(given.problems(sensor, fits)):
+            window = Window(range(n, n + 1), range(n, n + 1))
+            if watch.stopped:
+                yield full(problem.op), window, [problem]
+                continue
+            scene, problems = judged([problem], _share_of_time(began, request.time_budget, 1, count - n))
+            yield scene, window, problems
         return
-    all_problems = alike(list(problems), sensor.read_noise == "auto")
-    until = judged_until(None if request.time_budget is None else began + request.time_budget)
-    if strong:
-        all_problems = in_unit_of_scene([problem.steady() for problem in all_problems], until)
-    scene = scene_of_all(request.scene, all_problems, careful=strong, each_view=strong, until=until)
-    all_problems = list(noise_of_still(all_problems, scene, request, until))
+    problems = alike(list(given.problems(sensor, fits)), sensor.read_noise == "auto")
+    end = None if request.time_budget is None else began + request.time_budget
+    scene, problems = judged(problems, end)
+    problems = noise_of_still(problems, scene, request, judged_until(end))
     for window in windows(count, request.sequence):
-        yield replace(request, scene=scene), window, all_problems[window.seen.start : window.seen.stop]
+        yield scene, window, problems[window.seen.start : window.seen.stop]
 
 
 def predict_errors(
     request: Request,
+    scene: SceneModel,
     outcome: Outcome,
     problems: Sequence[Problem],
     window: Window,
@@ -125,18 +134,18 @@ def predict_errors(
     second = np.full_like(videos, np.nan)
     if outcome.status.ok and all(pixels is not None for pixels in hidden):
         init = request.init if isinstance(request.init, str) else "adjoint"  # a video knows the hidden pixels
-        same = replace(request, scene=outcome.model or request.scene, init=init)
+        same = replace(request, init=init)
         noise = outcome.problems[0].noise
         told = [replace(p, noise=noise, estimated=False) if p.estimated else p for p in problems]
         others = [without_pixels(*pair) for pair in zip(told, hidden)]  # type: ignore[arg-type]
-        again = reconstruct_in_tiles(others, same, second, window=window, deadline=deadline, watch=Watch(None))
+        again = reconstruct_in_tiles(others, same, scene, second, window=window, deadline=deadline, watch=Watch(None))
         if not again.status.ok:
             second.fill(np.nan)
     for k, (problem, pixels) in enumerate(zip(outcome.problems, window.of_kept(hidden))):
         unit = np.asarray(problem.unit, videos.dtype)
         found = uncertainty(problem, pixels, videos[k] / unit, second[k] / unit)  # type: ignore[arg-type]
         if found is None:
-            text = "uncertainty: unknown, as the solve failed or too few pixels can be held back"
+            text = "uncertainty: unknown, as one of two solves failed or too few pixels can be held back"
             outcome.scenes[k]["remarks"].append(text)
         else:
             np.multiply(found, problem.unit, out=errors[k], casting="unsafe")

@@ -17,8 +17,8 @@ from pnp_sci.pipeline.reference import Reference
 from pnp_sci.pipeline.request import Request
 from pnp_sci.pipeline.sequence import MOST, Window
 from pnp_sci.results.history import Record, Status
-from pnp_sci.scene.choose import choose_scene
 from pnp_sci.sensing.problem import Problem
+from pnp_sci.sensing.scene_model import SceneModel
 from pnp_sci.solvers.state import length
 
 MARGIN = 64  # pixels that a tile sees beyond its own on every side
@@ -90,6 +90,7 @@ def _spans(length: int, side: int) -> Iterator[tuple[slice, slice, slice]]:
 def reconstruct_in_tiles(
     problems: Sequence[Problem],
     request: Request,
+    scene: SceneModel,
     out: np.ndarray,
     *,
     window: Window,
@@ -105,15 +106,13 @@ def reconstruct_in_tiles(
     whole = (len(problems), *shape)
     parts = tiles(whole, MOST) if request.mosaic is None else tiles_of_planes(whole, MOST)
     if len(parts) == 1:
-        return reconstruct(problems, request, out, window=window, deadline=deadline, watch=watch, truth=truth)
-    strong = request.prior.traits(shape).strong
-    scene = choose_scene(request.scene, problems[0], strong, strong, judged_until(deadline))
+        return reconstruct(problems, request, scene, out, window=window, deadline=deadline, watch=watch, truth=truth)
     if request.mosaic is None:
         problems = noise_of_still(problems, scene, request, judged_until(deadline))
     moves = scene.reduce(problems[0].op).shape[1] > 1  # else all tiles have the same noise
     outcomes = []
     for left, tile in zip(range(len(parts), 0, -1), parts):
-        own = replace(request.cropped(tile.seen), scene=scene)
+        own = request.cropped(tile.seen)
         cropped = [replace(problem.crop(tile.seen), estimated=problem.estimated and moves) for problem in problems]
         video = np.empty((*out.shape[:3], *cropped[0].op.shape[2:]), out.dtype)
         now = time.perf_counter()
@@ -121,7 +120,7 @@ def reconstruct_in_tiles(
         if watch.stopped:
             outcomes.append(untouched(window.of_kept(cropped), video, window.kept))
         else:
-            outcomes.append(reconstruct(cropped, own, video, window=window, deadline=end, watch=watch))
+            outcomes.append(reconstruct(cropped, own, scene, video, window=window, deadline=end, watch=watch))
         out[(..., *tile.kept)] = video[(..., *tile.inner)]
     sizes = [out[(0, 0, 0, *tile.kept)].size for tile in parts]
     return _of_tiles(outcomes, sizes, window.of_kept(problems), out, window, truth)

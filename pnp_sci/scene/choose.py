@@ -61,7 +61,6 @@ def choose_scene(
         return full(problem.op)
     if tv is None:
         return full(problem.op, NOT_INSTALLED.format(QUICK))
-    problem = problem.scaled(1 / problem.grown)  # the judge's limits hold in the unit that y alone shows
     quick, mosaic, small = tv(still=False), problem.balance is not None, min(problem.op.shape[2:]) < SMALLEST
     if mosaic and (small or flow is None):
         return full(problem.op, TOO_SMALL if small else NOT_INSTALLED.format(CAREFUL))

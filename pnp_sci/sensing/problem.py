@@ -57,8 +57,6 @@ class Problem:
         Whether `noise` was estimated from y, so that texture makes it too large.
     light : ndarray, (V, B, 1, 1), optional
         How bright each frame is lit, in units of the mean of its view, where that was found to differ.
-    grown : float
-        How many times larger the unit is than the one that y alone shows.
     """
 
     op: SensingOperator
@@ -70,7 +68,6 @@ class Problem:
     balance: np.ndarray | None = None
     estimated: bool = False
     light: np.ndarray | None = None
-    grown: float = 1.0
 
     @property
     def usable(self) -> np.ndarray:
@@ -105,8 +102,7 @@ class Problem:
 
     def scaled(self, factor: float) -> Problem:
         """The problem in a unit that is larger by a factor."""
-        y = self.y / self.y.dtype.type(factor)
-        return replace(self, y=y, unit=self.unit * factor, noise=self.noise / factor, grown=self.grown * factor)
+        return replace(self, y=self.y / self.y.dtype.type(factor), unit=self.unit * factor, noise=self.noise / factor)
 
     def crop(self, where: tuple[slice, slice]) -> Problem:
         """The problem of a part of the picture, rows and columns."""

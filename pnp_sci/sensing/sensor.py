@@ -33,7 +33,7 @@ class Sensor:
         Largest value of the camera, > 0, without the black level if that has been subtracted from y. Pixels that reach
         it are saturated.
     bits : int, optional
-        The camera has 2**bits grey levels from 0 to full scale; 1 to 32, needs `full_scale`.
+        The camera has 2**bits grey levels from -`black_level` to full scale; 1 to 32, needs `full_scale`.
     black_level : float
         What has been subtracted from y, >= 0: the grey levels begin that much below 0.
 

@@ -88,7 +88,7 @@ def element(op: SensingOperator) -> float:
 
 
 def opposition(op: SensingOperator) -> float:
-    """How much more masks that are opposite leave open than independent ones, >= 1: as many times as more frames would.
+    """Factor, >= 1, by which masks that are opposite need more calls of a strong prior than independent ones.
 
     From the negative correlations R of n masks over p pixels: ``1 + sum(R^2) / n - n w^2 / (2 p)``, in tenths, with w
     the side of their elements. Less is chance. This is 1 for independent masks, and 2 where the masks of two views add
@@ -110,13 +110,14 @@ def opposition(op: SensingOperator) -> float:
         covariance = squares - np.outer(mean, mean)
     spread = np.sqrt(np.maximum(np.diagonal(covariance), 0))
     changing = np.flatnonzero((spread**2 > NOTHING * np.diagonal(squares)) & np.isfinite(spread))
-    alike = covariance[np.ix_(changing, changing)] / np.outer(spread[changing], spread[changing])
-    own = ~np.any(np.tril(alike, -1) > EQUAL, 1)
-    alike = alike[np.ix_(own, own)]
-    if len(alike) < 2:
+    correlation = covariance[np.ix_(changing, changing)] / np.outer(spread[changing], spread[changing])
+    own = ~np.any(np.tril(correlation, -1) > EQUAL, 1)
+    correlation = correlation[np.ix_(own, own)]
+    count = len(correlation)
+    if count < 2:
         return 1.0
-    ratio = 1 + float(np.sum(np.minimum(alike, 0) ** 2)) / len(alike)
-    return max(1.0, round(ratio - len(alike) * element(op) ** 2 / (2 * pixels), 1))
+    ratio = 1 + float(np.sum(np.minimum(correlation, 0) ** 2)) / count
+    return max(1.0, round(ratio - count * element(op) ** 2 / (2 * pixels), 1))
 
 
 @dataclass(frozen=True)
@@ -138,7 +139,7 @@ class Schedule:
     unseen : ndarray of bool, (H, W), or None
         Pixels of y that do not count: their rho is infinite.
     opposition : float
-        How much more the masks leave open than independent ones do, see :func:`opposition`.
+        Factor by which more calls are needed than with independent masks, see :func:`opposition`.
     """
 
     product: float | np.ndarray

@@ -85,12 +85,21 @@ def test_hot_pixels_that_are_not_known_leave_the_unit():
     assert in_unit_of_scene([problem]) == [problem]
 
 
-def test_the_scene_is_judged_in_the_unit_that_y_alone_shows(monkeypatch):
-    problem, judged = posed(particles()), []
-    [found] = in_unit_of_scene([problem])
-    monkeypatch.setattr(choose, "judge", lambda problem, *given: judged.append(problem))
-    for one in (problem, found):
-        choose.choose_scene("auto", one)
-    assert found.unit > problem.unit
-    assert judged[1].unit == pytest.approx(judged[0].unit)
-    np.testing.assert_allclose(judged[1].y, judged[0].y, rtol=1e-6, atol=1e-12)
+@pytest.mark.parametrize("sequence", [False, True])
+def test_the_scene_is_judged_in_the_unit_that_y_alone_shows(monkeypatch, sequence):
+    """Bug: in a larger unit fine texture that moves was taken for still."""
+    judged = []
+
+    def noted(problem, *given, **options):
+        judged.append(problem.unit)
+        return pnp_sci.SceneModel((True,), False)
+
+    monkeypatch.setattr(choose, "judge", noted)
+    truth = particles()
+    masks = pnp_sci.random_masks(truth.shape, seed=1)
+    y = np.stack([pnp_sci.simulate(truth, masks)] * 3)
+    plain, strong = (pnp_sci.solve(y, masks, p, iterations=3, sequence=sequence) for p in ("tv", "flow"))
+    assert judged == pytest.approx([judged[0]] * len(judged))
+    assert len(judged) == (2 if sequence else 6)
+    assert plain.settings["unit"][0] == pytest.approx(judged[0])
+    assert strong.settings["unit"][0] > 1.3 * judged[0]

@@ -215,11 +215,11 @@ def test_the_noise_is_estimated_once_and_the_scene_judged_once(scene, monkeypatc
 
         return call
 
-    from pnp_sci.pipeline import measurement
+    from pnp_sci.pipeline import sequence
     from pnp_sci.sensing import problem
 
     monkeypatch.setattr(problem, "estimate_noise", counted("noise", problem.estimate_noise))
-    monkeypatch.setattr(measurement, "choose_scene", counted("scene", measurement.choose_scene))
+    monkeypatch.setattr(sequence, "choose_scene", counted("scene", sequence.choose_scene))
     grey = {"counted": lambda: lambda problem, scene: np.full(problem.op.shape, 0.5)}
     monkeypatch.setitem(registry._registered, "decoders", grey)
     for init in ("adjoint", "counted", lambda problem, scene: np.full(problem.op.shape, 0.5)):
