@@ -154,8 +154,8 @@ class Schedule:
     def enough(self, fast: int, most: int) -> int:
         """How many calls of a strong prior are of use: `most` without noise, those of a `fast` effort with much.
 
-        Masks that are opposite need as many times more as they leave open. Without noise PSNR rises with every call.
-        With noise a strong prior begins to turn noise into texture.
+        `most` grows by the factor `opposition`. Without noise PSNR rises with every call. With noise a strong prior
+        begins to turn noise into texture.
         """
         most = round(self.opposition * most)
         if not np.any(self.product):
